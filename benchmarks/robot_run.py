@@ -32,7 +32,7 @@ from comove.robots.kernels import load_robot_kernels
 from comove.robots.online.courses import Places
 from comove.robots.online.executor import JointExecutor
 from comove.robots.online.pilot import Pilot
-from comove.robots.online.reference import Reference
+from comove.robots.online.reference import MotionReference
 from comove.robots.online.roadmap import Way
 from comove.sim.live import run_live
 from comove.sim.live_record import judge_run
@@ -89,19 +89,20 @@ def moving(middle: Array, velocity: Array, when: float) -> dict:
     return {"center": way[0], "motion": {"waypoints": way, "times": [0.0, LONGEST + when]}}
 
 
-def witness(executor: JointExecutor, seed: int) -> Reference | None:
+def witness(executor: JointExecutor, seed: int) -> MotionReference | None:
     """Return a motion from the start that keeps clear of all that moves, or None if none is found.
 
     Its planner knows where that will be: it is the best course of a roadmap that is three times as dense as the
     executor's, over all the time in which something is near, and looked at anew 50 times in a second.
     """
     pilot, scene = executor.pilot, executor.scene
+    courses = pilot.settings.courses
     settings = replace(
         pilot.settings,
         roadmap=replace(pilot.settings.roadmap, n_nodes=3 * pilot.settings.roadmap.n_nodes),
-        courses=replace(pilot.settings.courses, n_slots=250, met=0.01 - scene.clearance),
+        courses=replace(courses, n_slots=250, costs=courses.costs._replace(met=0.01 - scene.clearance)),
     )
-    plan = Reference.of_plan(executor.plan, executor.columns)
+    plan = MotionReference.of_plan(executor.plan, executor.columns)
     all_knowing = Pilot(
         pilot.standing, pilot.arms, pilot.coordinates, plan, pilot.ground.needs, seed=seed, settings=settings
     )

@@ -285,6 +285,7 @@ def links_apart(robot: Robot, scene: Scene, joints: JointMotion, rate: float = 1
         "box": lambda o: coal.Box(*o.size),
         "sphere": lambda o: coal.Sphere(o.radius),
         "capsule": lambda o: coal.Capsule(o.radius, o.length),
+        "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
     }
     things, least = [], np.inf
     for obstacle in scene.file.obstacles:
@@ -348,7 +349,7 @@ def table_of_moving(count: int, seed: int, difficulty: RobotDifficulty) -> None:
         seconds, motion, cells = time.process_time() - begun, found.joints.motion, ["-", "-", "-"]
         if motion is not None:
             solved, stated = solved + 1, motion.report.clearance_scene
-            firsts.append(found.time_to_first_verified_s or np.nan)
+            firsts.append(found.effort.first_verified or np.nan)
             sampled, played = (
                 links_apart(robot, scene, motion.joints),
                 simulate(motion.joints, scene, robot, Weld()),

@@ -78,7 +78,7 @@ def test_the_order_is_that_of_the_design():
     order = [
         *("errors", "arrays", "brief", "ties", "methods", "compiled", "trajectory"),
         *("io", "processes", "geometry"),
-        *("dmp", "model", "verification", "optim", "planning", "results"),
+        *("dmp", "model", "verification", "contacts", "optim", "planning", "results"),
         *("control", "robots", "sim", "stored", "solving", "ros", "data", "view", "lab", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()

@@ -7,7 +7,7 @@ from tests.control.safety.moving import World, run, scene_of
 
 
 def react():
-    """Load the kernels of the twist programme."""
+    """Load the kernels of the safety filter."""
     scene = scene_of([{"shape": "circle", "radius": 0.1, "center": [2.6, 2.05]}])
     run(World(scene), np.array([[1.0, 0.0, 0.0]] * 2), 2)
 

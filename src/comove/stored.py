@@ -402,7 +402,7 @@ class _Folder:
     @cached_property
     def reference(self) -> Reference:
         """Return what the hands' motion is verified against, whose open duration and grasp are the result's."""
-        return self.given.for_result(self.result)
+        return self.given.for_result(self.folder, self.result.summary)
 
     @cached_property
     def source(self) -> RobotSource:
@@ -462,7 +462,7 @@ class _Folder:
         from comove.results.runs import StoredRun, read_run, verify_run
 
         stored = read_run(self.folder, self.given.scene)
-        reference = self.given.for_result(stored)
+        reference = self.given.for_result(self.folder, stored.summary)
         stored = StoredRun(stored.folder, stored.summary, stored.arrays, reference.scene)
         report = verify_run(stored)
         rows = motion_rows({**report.asdict(), "duration": float(stored.record.time[-1])}, reference.scene)
@@ -481,7 +481,7 @@ class _Folder:
         from comove.sim.robot_runs import ROBOT_RUN, read_robot_run, verify_robot_run
 
         stored = read_robot_run(self.folder)
-        reference = self.given.for_result(stored)
+        reference = self.given.for_result(self.folder, stored.summary)
         source = _robots().robot_of(self.folder, reference, self.robot, ROBOT_RUN)
         record, report = verify_robot_run(stored, reference.scene, source.robot)
         return Verification(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-ALIKE = 1e-9  # relative to the largest number of all
+ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
 
 
 def first_largest(values: ArrayLike) -> int:
@@ -19,7 +19,7 @@ def first_largest(values: ArrayLike) -> int:
     if not np.isfinite(values[best]):
         return best
     finite = values[np.isfinite(values)]
-    return int(np.argmax(values >= values[best] - ALIKE * np.abs(finite).max()))
+    return int(np.argmax(values >= values[best] - ROUNDING * np.abs(finite).max()))
 
 
 def first_least(values: ArrayLike) -> int:

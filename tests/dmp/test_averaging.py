@@ -48,7 +48,7 @@ def test_what_has_no_mean():
     with pytest.raises(DemonstrationError, match="two or more"):
         average(DEMOS[:1])
     other = Demonstration(DEMOS[0].time, np.zeros((1000, 3)) + 0.1 * DEMOS[0].time[:, None])
-    with pytest.raises(DemonstrationError, match="2 and 3 coordinates"):
+    with pytest.raises(DemonstrationError, match="recording 1 has 3 coordinates, recording 0 has 2"):
         average([DEMOS[0], other])
 
 

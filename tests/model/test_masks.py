@@ -1,7 +1,9 @@
 """What constraints keep of a pose is kept by construction, and certified; the oracle is scipy's Rotation."""
 
+import re
 import warnings
 from copy import deepcopy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -215,3 +217,23 @@ def test_masks_are_for_payloads_with_poses_in_space():
     }
     with pytest.raises(SceneError, match="comove scene upgrade"):
         Scene.from_dict(old)
+
+
+def of_the_page():
+    """The example in the documentation of scenes, and the constraints of its table."""
+    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    _, _, part = page.partition("## Constraints on the payload")
+    example = yaml.safe_load(part.split("```yaml\n")[1].split("```")[0])
+    return example, [
+        yaml.safe_load(text) for text in re.findall(r"^\| `(\{type: .*?\})` \|", part, re.MULTILINE)
+    ]
+
+
+def test_the_example_of_the_page_is_solved_and_its_words_are_read():
+    example, words = of_the_page()
+    assert solve(Scene.from_dict(example), seed=0).verified
+    assert [word["type"] for word in words] == ["upright", "no_rotation", "axis", "planar"]
+    for word in words:
+        level = deepcopy(example) | {"constraints": [word]}
+        level["payload"]["goal"]["rpy_deg"] = [0, 0, 0]
+        assert Scene.from_dict(level).constraints[0].kind in (word["type"], "axis")

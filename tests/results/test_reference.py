@@ -48,7 +48,7 @@ def test_limits_that_a_scene_leaves_open_are_the_documented_ones_not_the_folders
     assert done.exit_code == 1
     assert "accelerates by up to" in done.stderr and "(limit 1 m/s^2)" in done.stderr
     assert "limits of 1 m/s, 1 m/s^2, 5 m/s^3" in done.stderr
-    filled = filled_in(Scene.from_dict(OPEN), read_result(hasty))
+    filled = filled_in(Scene.from_dict(OPEN), hasty, read_result(hasty).summary)
     limits = filled.file.limits.model_dump(exclude={"clearance"})
     assert limits == DEFAULT_LIMITS and filled.duration == read_result(hasty).summary["duration"]
 

@@ -1,6 +1,7 @@
 """Arms carry a payload among obstacles that move: it waits, and all of it is known in time."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import coal
@@ -17,6 +18,7 @@ from comove.planning.configurations import configuration_space, span
 from comove.planning.spacetime import spacetime
 from comove.robots import Robot, read_joints
 from comove.robots.carrying import RobotCarrier
+from comove.robots.search.links import STILL
 from comove.sim.dynamics import simulate
 from comove.sim.playback import play
 from comove.verification.verify import verify
@@ -161,6 +163,28 @@ def test_joints_at_the_ends_are_those_among_obstacles_as_they_are_then():
     np.testing.assert_allclose(first, GATE["center"])
     np.testing.assert_allclose(last, [0.0, 3.0, 0.2])
     np.testing.assert_allclose(carrier.arms.around.obstacles[0, 1:4], GATE["center"])
+
+
+def test_links_are_looked_at_where_obstacles_are_then():
+    """A sphere crosses the left column after 6 s; arms that stand still meet it then, and at no other sample."""
+    way = [[-0.3, 3.0, 0.85], [-0.3, -3.0, 0.85]]
+    ball = {"shape": "sphere", "radius": 0.1, "center": way[0]}
+    ball["motion"] = {"waypoints": way, "times": [5.0, 7.0]}
+    carrier = RobotCarrier(robot("gantry"), gantry_scene((ball,), duration=DURATION))
+    course = np.stack([np.concatenate([joints[0] for joints in carrier.starts])] * 2)
+    nodes = np.repeat(carrier.scene.nodes_at("start")[None], 81, axis=0)
+    assert carrier.strain(nodes[None], course).clearance[0] < 0.0
+    _, spare = carrier.along(nodes).follow(nodes)
+    times, y = np.linspace(0.0, DURATION, 81), [joint.max() for joint in np.abs(nodes[0, :2, 1:2])]
+    meets = np.interp(times, [5.0, 7.0], [3.0, -3.0])
+    near = (np.abs(meets[:, None] - [y[0], -y[1]]) < 0.1).any(axis=1)
+    assert (spare[near, -2] < 0.0).all()
+    assert (spare[np.abs(times - 6.0) > 1.0, -2] > 0.0).all()
+    still = carrier.along(nodes)
+    quiet = still.arms._replace(around=still.arms.around._replace(moved=STILL))
+    assert (
+        replace(still, arms=quiet.among(carrier.scene.obstacles.copy())).follow(nodes)[1][:, -2] > 0.0
+    ).all()
 
 
 def test_approach_and_release_are_refused_and_the_advice_works():

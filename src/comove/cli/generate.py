@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import studies as s
-from comove.cli.app import NOT_VERIFIED, VERIFIED, command_words, verb
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
 from comove.cli.options import require_one_of
 from comove.errors import SceneError, near_name
 
@@ -55,12 +55,12 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
-    from comove.data import Study, report_of, write_report
+    from comove.data import Study
     from comove.data.datasets import FORMATS, export_episodes
     from comove.data.datasets.export import check_export
     from comove.data.datasets.samples import chosen_rate
     from comove.data.runner import check_study_folder
-    from comove.results.inputs import command_again, write_inputs
+    from comove.results.inputs import command_again
     from comove.stored import gripper_rows
 
     part, run = running.part, running.run
@@ -78,10 +78,7 @@ def generate(
         + (f"; the last: {probe.reason}" if probe.rejected else ""),
         file=sys.stderr,
     )
-    s.run_with_progress(loaded, out, run, part)
-    write_inputs(out, None, files=loaded.files(), command=command_words())
-    report = report_of(out)
-    path = write_report(report, out)
+    report, path = s.run_with_progress(loaded, out, run, part)
     sheet = _contact_sheet(out, loaded.folder)
     if json:
         print(path.read_text(encoding="utf-8"), end="")

@@ -12,7 +12,7 @@ from comove.cli.app import VERIFIED, sub_application, verb_of
 from comove.errors import SceneError
 
 if TYPE_CHECKING:
-    from comove.model import Scene
+    pass
 
 group = sub_application("scene", "Scene files: write version 2 of one, print the schema for editors.")
 
@@ -29,6 +29,7 @@ def upgrade(
     from comove.io.yaml_reader import read_yaml
     from comove.model import Scene
     from comove.model.files.upgrade import as_text, upgraded
+    from comove.results.inputs import names_files
 
     data, _ = read_yaml(scene)
     if data.get("version") == 2:
@@ -39,7 +40,7 @@ def upgrade(
     if (
         out is not None
         and out.absolute().parent.resolve() != scene_folder(scene).resolve()
-        and _names_files(loaded)
+        and names_files(loaded)
     ):
         way_out = f"write it there: --out {scene_folder(scene) / out.name}"
         raise SceneError("the scene names files beside it", file=out, way_out=way_out)
@@ -47,13 +48,6 @@ def upgrade(
     if out is not None:
         print(f"{out}: version 2 of {scene}; comments are not kept")
     return VERIFIED
-
-
-def _names_files(loaded: Scene) -> bool:
-    from comove.results.inputs import files_of_scene
-
-    robot = loaded.file.robot
-    return bool(files_of_scene(loaded)) or (robot is not None and (loaded.folder / robot).is_file())
 
 
 @verb_of(group)

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from comove.cli.app import INTERRUPTED
+from comove.cli.app import INTERRUPTED, command_words
 from comove.cli.streams import terminal
 from comove.errors import printable
 
 if TYPE_CHECKING:
-    from comove.data import StudyProgress, StudyReport
-    from comove.data.runner import Run, RunSource, Shard
+    from comove.data import Study, StudyProgress, StudyReport, Sweep
+    from comove.data.runner import Run, Shard
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (YAML).")]
 OutFolder = Annotated[
@@ -63,12 +63,16 @@ class Running:
         return on_dask(self.dask, self.workers)
 
 
-def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> StudyProgress:
-    """Do the runs that are missing, and show how far they are; after Ctrl-C, say how to go on, and end."""
-    from comove.data import run_study
+def run_with_progress(study: Study | Sweep, out: Path, run: Run, shard: Shard) -> tuple[StudyReport, Path]:
+    """Do the runs that are missing, show how far they are, and write the report; return it with its path."""
+    from comove.data import report_of, run_study, write_report
+    from comove.results.inputs import write_inputs
 
     with telling_progress(out, len(shard.numbers(study.total))) as tell:
-        return run_study(study, out, run, shard=shard, tell=tell)
+        run_study(study, out, run, shard=shard, tell=tell)
+    write_inputs(out, None, files=study.files(), command=command_words())
+    report = report_of(out)
+    return report, write_report(report, out)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from comove.cli import studies as s
-from comove.cli.app import NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
+from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
 
 
 class _RunByDefault(TyperGroup):
@@ -39,17 +39,14 @@ def run(
     from json import loads
 
     from comove.cli.texts import as_table
-    from comove.data import Sweep, groups_of, report_of, write_report
+    from comove.data import Sweep, groups_of
     from comove.data.runner import check_study_folder
-    from comove.results.inputs import command_again, write_inputs
+    from comove.results.inputs import command_again
 
     part, run = running.part, running.run
     check_study_folder(out)
     loaded = Sweep.load(study)
-    s.run_with_progress(loaded, out, run, part)
-    write_inputs(out, None, files=loaded.files(), command=command_words())
-    report = report_of(out)
-    path = write_report(report, out)
+    report, path = s.run_with_progress(loaded, out, run, part)
     if json:
         print(path.read_text(encoding="utf-8"), end="")
         return VERIFIED if report.verified else NOT_VERIFIED

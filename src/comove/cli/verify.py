@@ -103,8 +103,7 @@ def _say_measures(parts: tuple[Verification, ...]) -> None:
 def _say_changes(part: Verification, folder: Path, scene: Path) -> None:
     """Print the options by which the scene becomes the one that was solved, where there are such options."""
     from comove.results import changes_to
-    from comove.results.reference import FolderSummary
 
-    if changed := changes_to(part.scene, FolderSummary(folder, part.summary), scene):
+    if changed := changes_to(part.scene, folder, part.summary, scene):
         options = " ".join(f"--{key} {value}" for key, value in changed.items())
         say(f"  it was solved with {options}: give that again", file=sys.stderr)

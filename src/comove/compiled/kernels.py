@@ -34,12 +34,14 @@ LARGE = 1000  # lines of LLVM, of kernels that are called where they lie
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
 
 
-def kernel(function: Any = None, **options: Any) -> Any:
+def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any:
     """Return a function as a kernel, compiled when it is first called and kept on disk; a decorator.
 
     Parameters
     ----------
     function : function, or None to give options first
+    counted : whether references to the arrays of its arguments are counted, as numba does by itself; without, calls
+        with many arrays take a fraction of the time, but the function may neither allocate nor return any
     options : of `numba.njit`, such as `nogil=True`
 
     Returns
@@ -47,10 +49,10 @@ def kernel(function: Any = None, **options: Any) -> Any:
     the kernel, whose divisions by zero follow NumPy's rules
     """
     if function is None:
-        return partial(kernel, **options)
+        return partial(kernel, counted=counted, **options)
     if config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba fills it from the environment
         return function
-    fixed = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    fixed = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": counted}
     made = Kernel(function, targetoptions={**options, **fixed})
     made.enable_caching()
     return made

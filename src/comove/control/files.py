@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from comove._version import __version__
-from comove.control.loop import ExecutionLog
+from comove.control.executor import ExecutionLog
 from comove.model.coordinates import load_coordinates
+from comove.model.displacements import Displacements
 from comove.model.files.keys import canonical
 from comove.planning.objective import Objective
 from comove.results.reference import SCENE
@@ -68,7 +69,8 @@ def _cost(record: Record) -> dict[str, Any]:
     """Return the cost J and its terms for the executed motion, in unit duration."""
     scene = record.scene
     objective = Objective(scene, load_coordinates(scene))
-    offsets = np.ascontiguousarray(scene.by_row(record.obstacles - scene.centers))
-    cost = objective.cost_of(objective.evaluate_nodes(np.ascontiguousarray(record.nodes[None]), offsets))
+    planned, offsets = scene.displacements(record.time), scene.by_row(record.obstacles - scene.centers)
+    moved = Displacements.of(offsets, planned.centers, planned.angles, planned.axes)
+    cost = objective.cost_of(objective.evaluate_nodes(np.ascontiguousarray(record.nodes[None]), moved))
     terms = {"goal": cost.goal, "velocity": cost.velocity, "obstacle": cost.obstacle, "resemblance": 0.0}
     return {"cost": cost.total, "cost_terms": terms}

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from comove.arrays import Array
-
-
-class Distribution(Protocol):
-    """A distribution of values of a scene file: numbers, lists of numbers, or whatever can be chosen."""
-
-    def draw(self, rng: np.random.Generator) -> Any:
-        """Return a value, in plain data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,3 +60,6 @@ class OneOf:
     def draw(self, rng: np.random.Generator) -> Any:
         """Return a copy of one of the values."""
         return copy.deepcopy(self.values[int(rng.integers(len(self.values)))])
+
+
+Distribution = Uniform | TruncatedNormal | OneOf

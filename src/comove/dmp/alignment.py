@@ -68,12 +68,11 @@ def together(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list
                     f"recording {i} {what} {other}, recording 0 {what} {one}",
                     way_out="give recordings of one kind",
                 )
-    times, positions = [time for _, time, _, _ in found], [position for _, _, position, _ in found]
-    _require_spread(times, positions)
-    return names, times, positions
+    return names, [time for _, time, _, _ in found], [position for _, _, position, _ in found]
 
 
-def _require_spread(times: list[Array], positions: list[Array]) -> None:
+def require_spread(times: list[Array], positions: list[Array]) -> None:
+    """Refuse recordings that do not differ."""
     seen: dict[bytes, int] = {}
     for i, (time, position) in enumerate(zip(times, positions, strict=True)):
         before = seen.setdefault((time - time[0]).tobytes() + position.tobytes(), i)

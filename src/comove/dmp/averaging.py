@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from comove.arrays import Array
+from comove.dmp.alignment import together
 from comove.dmp.dmp import DMP, Recording
 from comove.dmp.system import Phase
 from comove.dmp.variants import Variant
-from comove.errors import DemonstrationError, OptionError
+from comove.errors import OptionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def average(
     Raises
     ------
     DemonstrationError
-        If there are fewer than two, or their coordinates differ.
+        If there are fewer than two, or they do not belong together.
     OptionError
         If the variant is rhythmic, or the demonstrations are not a list of recordings.
     """
@@ -93,20 +94,7 @@ def average(
         raise OptionError(
             "cycles begin anywhere and have no mean", key="variant", way_out="average movements that end"
         )
-    if not isinstance(demonstrations, (list, tuple)):
-        raise OptionError(f"demonstrations = {demonstrations!r}", way_out="give a list of recordings")
-    if len(demonstrations) < 2:
-        raise DemonstrationError(
-            f"{len(demonstrations)} demonstration has no spread", way_out="give two or more, or use DMP.fit"
-        )
-    if not all(hasattr(demonstration, "position") for demonstration in demonstrations):
-        raise OptionError("some are no recordings", key="demonstrations", way_out="give Demonstrations")
-    widths = sorted({demonstration.position.shape[1] for demonstration in demonstrations})
-    if len(widths) > 1:
-        raise DemonstrationError(
-            f"the demonstrations have {' and '.join(map(str, widths))} coordinates",
-            way_out="give recordings of one kind",
-        )
+    together(demonstrations)
     members = tuple(
         DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
         for demonstration in demonstrations

@@ -32,10 +32,10 @@ from comove.dmp.system import Phase
 from comove.dmp.variants import Variant
 from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.io.files import existing_file, telling, whole_file
+from comove.io.keys import MAX_NAME
 
 FORMAT, VERSION = "comove primitive", 1
 MAX_BYTES = 8 * 2**20
-MAX_NAME = 100
 TRACED = 11  # positions, at even shares of the duration
 SAME = 1e-6  # by which the trace may be missed, in the movement's extent
 LEARN_AGAIN = "learn it again: comove learn DEMO --out PRIMITIVE"

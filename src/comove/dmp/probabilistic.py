@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from comove.arrays import Array, Integers
 from comove.brief import brief
-from comove.dmp.alignment import NEVER, Alignment, aligned, one_recording, together
+from comove.dmp.alignment import NEVER, Alignment, aligned, one_recording, require_spread, together
 from comove.dmp.arguments import (
     instants,
     is_number,
@@ -184,6 +184,7 @@ class ProMP:
         if not isinstance(phase, Phase):
             raise OptionError(f"phase = {phase!r}", way_out="give LinearPhase() or ExponentialPhase()")
         names, times, positions = together(demonstrations)
+        require_spread(times, positions)
         given = checked_contexts(contexts, len(times))
         way = Alignment.named(alignment)
         shares = aligned(times, positions, way, settings.warping)

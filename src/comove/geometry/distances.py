@@ -60,7 +60,7 @@ def points_apart(p, q):
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
-@kernel
+@kernel(counted=False)
 def point_distance(table, j, x, y, z):
     """Return the signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
     kind = int(table[j, 0])
@@ -87,7 +87,7 @@ def point_distance(table, j, x, y, z):
     return t * length
 
 
-@kernel
+@kernel(counted=False)
 def _farthest_plane(table, j, x, y, z):
     """Return a point's largest distance [m] from a polytope's planes, and the column at which that plane begins.
 
@@ -128,7 +128,7 @@ def _ellipsoid_normal(a, b, c, u, v, w):
     return t - least, nu, nv, nw, sqrt(nu * nu + nv * nv + nw * nw)
 
 
-@kernel
+@kernel(counted=False)
 def tangent(table, j, x, y, z, dx, dy, dz):
     """Return the signed distance [m] from a point to obstacle `j`, and its slope along (dx, dy, dz).
 
@@ -184,7 +184,7 @@ def tangent(table, j, x, y, z, dx, dy, dz):
     return t * length, (nu * du + nv * dv + nw * dw) / length
 
 
-@kernel
+@kernel(counted=False)
 def distance_and_gradient(table, j, x, y, z):
     """Return the signed distance [m] of a point from obstacle `j` and the three components of its gradient.
 
@@ -199,7 +199,7 @@ def distance_and_gradient(table, j, x, y, z):
     )
 
 
-@kernel
+@kernel(counted=False)
 def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Return the least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
 

@@ -12,9 +12,9 @@ from itertools import pairwise
 from typing import Annotated, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
+from comove.arrays import Array
 from comove.geometry.rotations import cross, exponential, matrices
 from comove.io.keys import (
     NotNegative,
@@ -29,8 +29,6 @@ from comove.io.keys import (
     counted,
     show,
 )
-
-Array = NDArray[np.float64]
 
 FASTEST = 1000.0
 """Of obstacles; faster than sound, and faster than anything can be followed [m/s]."""

@@ -195,6 +195,7 @@ class Scene:
                 where = "touches" if abs(clearance) < rounding else where
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
                 way_out = f"move the {end}, or widen the workspace; what lies there, such as a table, is an obstacle"
+                way_out += f"; workspace: {self._wide_enough()} holds both ends"
                 if obstacle >= 0:
                     way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
@@ -216,6 +217,14 @@ class Scene:
                 stacklevel=3,
             )
         return self
+
+    def _wide_enough(self) -> str:
+        """Return a workspace in which the bodies are at both ends, in words."""
+        nodes = np.concatenate([self.nodes_at(end) for end in ENDS])[:, : self.n_dims]
+        room = float(self.body.radii.max(initial=0.0)) + self.clearance + PROVABLE
+        lower = np.minimum(self.lower, np.floor(1e3 * (nodes.min(axis=0) - room)) / 1e3)
+        upper = np.maximum(self.upper, np.ceil(1e3 * (nodes.max(axis=0) + room)) / 1e3)
+        return f"{{lower: {(lower + 0.0).round(6).tolist()}, upper: {(upper + 0.0).round(6).tolist()}}}"
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
         """Return the scene from a later instant on: the remainder of a movement that has begun.

@@ -2,10 +2,10 @@
 
 Configurations are those of `load_coordinates`. Along an edge between two of them, centres move on straight lines
 and orientations turn on great circles, so no node moves further than the edge's *span*: the displacement of
-a group's centre plus its reach times the angle. Edges are checked by conservative advancement: from a
-configuration with clearance d, no obstacle can be met before the span d has been travelled. An edge with many steps
-of almost no length counts as not free. Two hands that must stay apart may both move: half of their distance beyond
-the separation counts as clearance.
+a group's centre plus its reach times the angle. An edge is checked at its ends, then in the middle of what these do
+not cover, and so on: around a configuration with clearance d, no obstacle is met within the span d. Where obstacles
+move, the span relative to them counts. An edge with many steps of almost no length counts as not free. Two hands that
+must stay apart may both move: half of their distance beyond the separation counts as clearance.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.distances import point_distance, segment_distance
-from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
-from comove.geometry.surfaces import count_meshes, signed_distance
+from comove.contacts.displaced import RESTING, instant_at
+from comove.contacts.query import Query, least_distance, separating
+from comove.contacts.surroundings import Surroundings, from_border, surroundings_of
+from comove.geometry.distances import point_distance
+from comove.geometry.solids import count_solids
+from comove.geometry.surfaces import count_meshes
 from comove.model.blocks import keep_mask, lean, place_one
 from comove.model.coordinates import (
     ANGLE,
@@ -29,23 +32,18 @@ from comove.model.coordinates import (
     Blocks,
     Coordinates,
 )
+from comove.model.displacements import Displacements
 from comove.model.resting import lift_direction
 from comove.model.scene import Scene
 from comove.planning.clock import clock_until, worked
-from comove.planning.surroundings import (
-    Surroundings,
-    from_border,
-    seen_from,
-    solids_from_mesh,
-    surroundings_of,
-)
-from comove.planning.timing import drift, set_time, too_fast, write_time
+from comove.planning.timing import drift, too_fast, write_time
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
 SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments
+DEPTH = 64  # of a stack of parts of an edge: halves of 2^64 steps need no more
 LIFTS = (1.05, 0.8, 0.6, 0.4, 0.2)  # shares of the whole way off supports that are tried
 
 
@@ -76,7 +74,9 @@ class Space(NamedTuple):
     ----------
     blocks : map from a configuration to nodes
     reach : array, shape (n_blocks,), distance from a group's centre to its furthest point [m]
-    around : load and all that it must not touch
+    around : payload and all that it must not touch
+    resting : displacements of obstacles that are where they are at 0 s: none
+    query : things and accuracy of clearances
     required : clearance that the scene asks for [m]
     cap : largest clearance that is computed [m]
     clock : clock of the budget; no configuration is free after its deadline
@@ -87,6 +87,8 @@ class Space(NamedTuple):
     blocks: Blocks
     reach: Array
     around: Surroundings
+    resting: Displacements
+    query: Query
     required: float
     cap: float
     clock: Array
@@ -98,11 +100,18 @@ def configuration_space(
     scene: Scene, coordinates: Coordinates, settings: SpaceSettings = SETTINGS, clock: Array | None = None
 ) -> Space:
     """Return the space of a scene in its load coordinates, with the clock of a search, or one without a deadline."""
-    reach = np.array([group.reach for group in coordinates.groups])
+    reach, around, tolerance = (
+        np.array([group.reach for group in coordinates.groups]),
+        surroundings_of(scene),
+        settings.tolerance,
+    )
+    normals = separating(len(scene.body.solids), around.n_things)
     return Space(
         coordinates.blocks,
         reach,
-        surroundings_of(scene),
+        around,
+        scene.displacements(np.zeros(0)),
+        Query(np.arange(around.n_things), normals, np.zeros(0), tolerance, tolerance),
         scene.clearance,
         settings.cap + scene.clearance,
         clock_until() if clock is None else clock,
@@ -136,74 +145,48 @@ def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Arr
     return tried[first_largest([clearance for clearance, _ in tried])][1]
 
 
-@kernel
+@kernel(counted=False)
 def clearance_of(space, q, nodes, floor):
     """Return the clearance [m] of configuration q, at most the cap; a result below `floor` need not be exact.
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
-    around, tolerance = space.around, space.settings.tolerance
+    return _clearance_at(space, space.resting, RESTING, q, nodes, floor)
+
+
+@kernel(counted=False)
+def clearance_in_time(space, timing, node, nodes, floor):
+    """Return the same of a node with a time, at which obstacles are elsewhere; `timing` as of an edge."""
+    if timing is None:
+        return clearance_of(space, node, nodes, floor)
+    return _clearance_at(space, timing.moved, instant_at(timing.moved, node[-1]), node, nodes, floor)
+
+
+@kernel(counted=False)
+def _clearance_at(space, moved, instant, q, nodes, floor):
+    around = space.around
     bodies = around.edges.shape[0] + count_solids(around.solids) * SOLID_WORK
     obstacles = around.convex.shape[0] + MESH_WORK * count_meshes(around.surfaces)
     if worked(space.clock, 1 + bodies * (1 + obstacles)):
         return -np.inf
     place_one(space.blocks, q, 1.0, nodes)
-    clearance = space.cap
+    clearance = min(space.cap, from_border(around, nodes))
     for i in range(around.separations.shape[0]):
         a, b = nodes[around.pairs[i, 0]], nodes[around.pairs[i, 1]]
         apart = sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
         clearance = min(clearance, space.required + 0.5 * (apart - around.separations[i]))
     for b in range(space.blocks.tilt.shape[0]):
         if space.blocks.tilt[b] < pi:  # which a span spends as it does distances
-            spare = space.blocks.tilt[b] - lean(space.blocks, b, q, np.empty(3))
-            clearance = min(clearance, space.required + space.reach[b] * spare)
+            clearance = min(clearance, space.required + _tilt_left(space, b, q))
     if clearance <= floor:
         return clearance
-    clearance = min(clearance, from_border(around, nodes))
-    if clearance <= floor:
-        return clearance
-    for e in range(around.edges.shape[0]):
-        a, b, radius = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]], around.radii[e]
-        for j in around.convex:
-            distance = segment_distance(
-                around.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, tolerance
-            )
-            clearance = min(clearance, distance - tolerance - radius)
-            if clearance <= floor:
-                return clearance
-    clearance = _of_solids(around.solids, around, nodes, clearance, floor)
-    return _from_meshes(around.surfaces, around, nodes, clearance, floor)
+    return least_distance(around, moved, instant, nodes, space.query, clearance, floor)
 
 
 @kernel
-def _of_solids(solids, around, nodes, clearance, floor):
-    """Return the clearance [m] of solids, at most `clearance`, which is that of the rest of the body."""
-    if solids is None:
-        return clearance
-    for s in range(solids.shape[0]):
-        solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
-        solid_at(nodes, solids[s], solid)
-        for j in around.convex:
-            if clearance <= floor:
-                return clearance
-            clearance = min(clearance, solid_distance(around.obstacles, j, solid, clearance, normal)[0])
-    return clearance
-
-
-@kernel
-def _from_meshes(surfaces, around, nodes, clearance, floor):
-    """Return the clearance [m] of the body from meshes at their places in the table, at most `clearance`."""
-    if surfaces is None:
-        return clearance
-    for mesh in range(surfaces.root.shape[0]):
-        for e in range(around.edges.shape[0]):
-            if clearance <= floor:
-                return clearance
-            r = around.radii[e]
-            hull = seen_from(surfaces, mesh, around.obstacles, nodes, around.edges[e])
-            clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance + r) - r)
-        clearance = solids_from_mesh(around.solids, surfaces, mesh, around.obstacles, nodes, clearance)
-    return clearance
+def _tilt_left(space, b, q):
+    """Return the span [m] that a group may tilt further."""
+    return space.reach[b] * (space.blocks.tilt[b] - lean(space.blocks, b, q, np.empty(3)))
 
 
 @kernel
@@ -222,7 +205,7 @@ def angle_between(kind, n_dims, p, q, o):
     return acos(min(1.0, max(-1.0, dot)))
 
 
-@kernel
+@kernel(counted=False)
 def span(space, p, q):
     """Return an upper bound of the displacement of any node between two configurations [m]."""
     blocks, longest = space.blocks, 0.0
@@ -237,6 +220,16 @@ def span(space, p, q):
 
 
 @kernel
+def may_be_within(space, p, q, far):
+    """Return whether the span between two configurations may be less than `far` [m], told without angles."""
+    moved, blocks = 0.0, space.blocks
+    for axis in range(blocks.n_dims):
+        c = blocks.center[0, axis]
+        moved += (q[c] - p[c]) ** 2
+    return moved < far * far
+
+
+@kernel
 def way_length(space, way):
     """Return the length of a path, array of shape (n_steps, n_columns), as the sum of its spans [m]."""
     length = 0.0
@@ -245,7 +238,7 @@ def way_length(space, way):
     return length
 
 
-@kernel
+@kernel(counted=False)
 def interpolate(space, p, q, f, out):
     """Write the configuration at the share f of the way from p to q; angles are unwrapped with respect to p."""
     blocks = space.blocks
@@ -294,22 +287,33 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
     ----------
     timing : Timing, None where nodes have no time
     """
-    moved, tolerance = span(space, p, q), space.settings.tolerance
+    moved = span(space, p, q)
     if too_fast(timing, moved, p, q):
         return False
-    length = moved + drift(timing, p, q)
-    travelled, creeping = 0.0, 0
-    while travelled < length:
-        interpolate(space, p, q, travelled / length, scratch)
-        write_time(timing, p, q, travelled / length, scratch)
-        set_time(timing, space.around.obstacles, scratch)
-        clearance = clearance_of(space, scratch, nodes, 0.0) - margin
-        creeping += clearance < tolerance
-        if clearance <= 0.0 or creeping > space.settings.creeping:
+    length, last = moved + drift(timing, p, q), clearance_in_time(space, timing, q, nodes, margin) - margin
+    if last <= 0.0 or last >= length:
+        return last > 0.0
+    first = clearance_in_time(space, timing, p, nodes, margin) - margin
+    if first <= 0.0:
+        return False
+    creeping, top, parts = 0, 1, np.empty((DEPTH, 2))  # that are still to be checked, as lengths from p
+    parts[0, 0], parts[0, 1] = first, length - last
+    while top > 0:
+        top -= 1
+        begin, end = parts[top, 0], parts[top, 1]
+        if begin >= end:
+            continue
+        middle = 0.5 * (begin + end)
+        interpolate(space, p, q, middle / length, scratch)
+        write_time(timing, p, q, middle / length, scratch)
+        clearance = clearance_in_time(space, timing, scratch, nodes, margin) - margin
+        creeping += clearance < space.settings.tolerance
+        if clearance <= 0.0 or creeping > space.settings.creeping or top + 2 > DEPTH:
             return False
-        travelled += max(clearance, tolerance)
-    set_time(timing, space.around.obstacles, q)
-    return clearance_of(space, q, nodes, 0.0) > margin
+        parts[top, 0], parts[top, 1] = begin, middle - clearance
+        parts[top + 1, 0], parts[top + 1, 1] = middle + clearance, end
+        top += 2
+    return True
 
 
 @kernel
@@ -317,9 +321,10 @@ def nearest(space, tree, count, q):
     """Return the node of a tree that is nearest to q."""
     best, least = 0, np.inf
     for i in range(count):
-        distance = span(space, tree[i], q)
-        if distance < least:
-            best, least = i, distance
+        if may_be_within(space, tree[i], q, least):
+            distance = span(space, tree[i], q)
+            if distance < least:
+                best, least = i, distance
     return best
 
 

@@ -17,11 +17,11 @@ from comove.model.files.keys import DEFAULT_LIMITS, MAX_DURATION, MIN_DURATION
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.solution import Solution
+from comove.ties import ROUNDING
 from comove.verification.bounds import largest_rates
 
 LIMITS = DEFAULT_LIMITS
 NONE = dict.fromkeys(LIMITS, 1e6)  # limits so high that they have no effect
-ROUNDING = 1e-9  # relative difference of bounds between two computations
 
 
 def with_limits(scene: Scene, limits: Mapping[str, float] = LIMITS) -> Scene:

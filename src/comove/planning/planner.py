@@ -24,6 +24,7 @@ from comove.planning.configurations import (
     edge_is_free,
     in_an_obstacle,
     interpolate,
+    may_be_within,
     random_configuration,
     random_turn,
     span,
@@ -310,7 +311,9 @@ def _link(space, trees, count, links, n_links, margin, work, settings):
     (tree, member), (scratch, nodes), new = trees, work, count - 1
     distances = np.empty(new)
     for i in range(new):
-        distances[i] = span(space, tree[i], tree[new])
+        distances[i] = np.inf
+        if member[i] != member[new] and may_be_within(space, tree[i], tree[new], settings.within):
+            distances[i] = span(space, tree[i], tree[new])
     for _ in range(settings.neighbours):
         near, least = -1, settings.within
         for i in range(new):

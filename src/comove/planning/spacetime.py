@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.model.scene import Scene
-from comove.planning.configurations import Space, clearance_of
+from comove.planning.configurations import Space, clearance_in_time
 from comove.planning.planner import continuous, sample
-from comove.planning.timing import Timing, fastest_point, set_time
+from comove.planning.timing import Timing, fastest_point
 from comove.planning.trees import rrt_connect, shortened
 from comove.planning.world import World
 
@@ -60,10 +60,7 @@ SETTINGS = SpaceTimeSettings()
 
 
 def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> World:
-    """Return the world of a scene's space together with the motion of its obstacles.
-
-    The space has a table of obstacles of its own, which the kernels of planning move.
-    """
+    """Return the world of a scene's space together with the motion of its obstacles."""
     resting = space.around.obstacles
     moved = scene.displacements(np.linspace(0.0, scene.duration, settings.n_intervals + 1))
     timing = Timing(
@@ -76,8 +73,7 @@ def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS
         settings.time_step,
         settings.waiting,
     )
-    around = space.around._replace(obstacles=resting.copy())
-    return World.of(space._replace(around=around), timing)
+    return World.of(space, timing)
 
 
 def plan_in_time(
@@ -109,10 +105,8 @@ def plan_in_time(
     times : array, shape (n_configurations,), from 0 to 1
     """
     space, scratch = world.space, np.empty((world.space.blocks.node.shape[0], 3))
-    ends, at_ends = (np.append(start, 0.0), np.append(goal, 1.0)), []
-    for node in ends:
-        set_time(world.timing, space.around.obstacles, node)
-        at_ends.append(clearance_of(space, node, scratch, 0.0))
+    ends = np.append(start, 0.0), np.append(goal, 1.0)
+    at_ends = [clearance_in_time(space, world.timing, node, scratch, 0.0) for node in ends]
     margin = min(space.required + margin, 0.5 * (space.required + min(at_ends)))
     world = world.paced(speed)
     before = np.empty((0, len(start))) if before is None else before

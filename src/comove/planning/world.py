@@ -2,9 +2,8 @@
 
 A node is a configuration of the payload; then, where arms carry it, their joints; and last, where obstacles move, its
 normalised time. An edge is free if the payload keeps its margin along it, from obstacles where they are at that time
-and no faster than it may be, and if arms can follow it from the joints of the node where it begins. It is checked by
-conservative advancement, as the displacement of the body relative to the obstacles is bounded by the sum of its span
-and theirs.
+and no faster than it may be, and if arms can follow it from the joints of the node where it begins. The displacement
+of the body relative to any point of the obstacles is bounded by the sum of its span and theirs.
 
 Trees in time grow forward from the start at 0 and backward from the goal at 1; samples are such as both ends can
 reach in time (Grothe et al., 2022). The joints of both trees need not belong to one branch: whoever plans for arms
@@ -24,6 +23,7 @@ from comove.planning.configurations import (
     Space,
     edge_is_free_in_time,
     interpolate,
+    may_be_within,
     nearest,
     random_configuration,
     span,
@@ -127,7 +127,7 @@ def _nearest_in_time(timing, space, tree, count, q):
     best, least, later = -1, np.inf, tree[0, -1] == 0.0
     for i in range(count):
         wait = q[-1] - tree[i, -1] if later else tree[i, -1] - q[-1]
-        if wait > 0.0:
+        if wait > 0.0 and may_be_within(space, tree[i], q, timing.speed * wait):
             way = span(space, tree[i], q)
             effort = way / space.settings.step + wait / timing.time_step
             if way <= timing.speed * wait and effort < least:

@@ -99,6 +99,12 @@ def files_of_scene(scene: Scene) -> list[Path]:
     return files
 
 
+def names_files(scene: Scene) -> bool:
+    """Return whether a scene names files, or the description of a robot, by paths from its folder."""
+    robot = scene.file.robot
+    return bool(files_of_scene(scene)) or (robot is not None and (scene.folder / robot).is_file())
+
+
 def command_again(folder: Path, out: str = "../again") -> str | None:
     """Return the command that makes a result again, to be given in its folder; None where none is known."""
     words = listed_inputs(folder).get("command")

@@ -11,7 +11,7 @@ import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from comove.errors import ComoveWarning, InputError, ResultError
 from comove.io.folders import require_folder, scene_folder
@@ -25,23 +25,6 @@ MESHES_IN = (
     "robot.json",
     "meshes_in",
 )  # file and entry that say where the meshes of the folder's own scene are
-
-
-class Stored(Protocol):
-    """A stored result: its folder, and its summary."""
-
-    @property
-    def folder(self) -> Path: ...
-    @property
-    def summary(self) -> Summary: ...
-
-
-@dataclass(frozen=True)
-class FolderSummary:
-    """A folder, and the contents of a summary in it: all that is asked of a stored result here."""
-
-    folder: Path
-    summary: Summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +47,9 @@ class Reference:
             return f"the folder's own scene, {self.file}"
         return f"the scene '{self.scene.name}'" if self.scene.path is None else f"{self.file}"
 
-    def for_result(self, stored: Stored) -> Reference:
+    def for_result(self, folder: Path, summary: Summary) -> Reference:
         """Return the reference with what its scene leaves open filled in; see `filled_in`."""
-        return Reference(filled_in(self.scene, stored), self.file, self.is_own)
+        return Reference(filled_in(self.scene, folder, summary), self.file, self.is_own)
 
 
 def reference_of(folder: Path, scene: Scene | None = None) -> Reference:
@@ -129,7 +112,7 @@ def _folder_of_meshes(folder: Path, data: dict[str, Any]) -> Path | None:
     return folder
 
 
-def filled_in(scene: Scene, stored: Stored) -> Scene:
+def filled_in(scene: Scene, folder: Path, summary: Summary) -> Scene:
     """Return the scene with what it leaves open: documented limits, the result's duration, and one of its grasps.
 
     Raises
@@ -139,7 +122,7 @@ def filled_in(scene: Scene, stored: Stored) -> Scene:
     """
     hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
     if hasty or not scene.is_timed:
-        path = stored.folder / SCENE
+        path = folder / SCENE
         try:
             duration = _positive(read_json(path, AGAIN, SCENE_BYTES)["duration"])
         except (ValueError, TypeError, KeyError, ResultError) as error:
@@ -150,30 +133,30 @@ def filled_in(scene: Scene, stored: Stored) -> Scene:
                 way_out=AGAIN,
             ) from error
         scene = scene.with_limits().timed(duration)
-    solved = stored.summary.get("scene_sha256")
-    return next((choice for choice in scene.ways_to(_goal_in(stored)) if choice.sha256 == solved), scene)
+    solved = summary.get("scene_sha256")
+    return next((choice for choice in scene.ways_to(_goal_in(folder)) if choice.sha256 == solved), scene)
 
 
-def _goal_in(stored: Stored) -> PayloadPose | None:
+def _goal_in(folder: Path) -> PayloadPose | None:
     """Return the pose at which a result's own scene puts the payload down; None where it says none."""
     try:
-        load = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)["load"]
+        load = read_json(folder / SCENE, AGAIN, SCENE_BYTES)["load"]
         goal = load["goal"]
         return PayloadPose(position=tuple(goal["position"]), quaternion_wxyz=tuple(goal["quaternion_wxyz"]))
     except (ValueError, TypeError, KeyError, ResultError):  # the folder is not trusted
         return None
 
 
-def changes_to(scene: Scene, stored: Stored, file: Path) -> dict[str, float]:
+def changes_to(scene: Scene, folder: Path, summary: Summary, file: Path) -> dict[str, float]:
     """Return the changes of duration and limits by which a scene, read from `file`, becomes the one that was solved.
 
     There are none if it is that scene, or if no such changes make it.
     """
-    solved = stored.summary.get("scene_sha256")
+    solved = summary.get("scene_sha256")
     if scene.sha256 == solved:
         return {}
     try:
-        found = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)
+        found = read_json(folder / SCENE, AGAIN, SCENE_BYTES)
         limits = found.get("limits") or {}
         limits = {
             key: limits.get(key) for key, own in scene.file.limits if limits.get(key) not in (None, own)

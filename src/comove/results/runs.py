@@ -21,7 +21,18 @@ import numpy as np
 from comove.errors import ResultError, shortened
 from comove.model.scene import Scene
 from comove.results.reference import SCENE, own_scene
-from comove.results.sealed import FITS, NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind, Summary, require_types
+from comove.results.sealed import (
+    FITS,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Stored,
+    Summary,
+    require_types,
+)
 from comove.ties import first_largest
 from comove.verification.measures import WEIGHTS, unit_terms_of
 from comove.verification.record import ExecutionReport, Record, verify_execution
@@ -55,20 +66,9 @@ RUN = ResultKind(
 
 
 @dataclass(frozen=True, eq=False)
-class StoredRun:
-    """Contents of the folder of an execution.
+class StoredRun(Stored):
+    """Contents of `run.json` and `run.npz`, and the scene on which they are looked at."""
 
-    Attributes
-    ----------
-    folder : path of the folder
-    summary : the contents of run.json
-    arrays : the contents of run.npz
-    scene : the scene on which it is looked at
-    """
-
-    folder: Path
-    summary: Summary
-    arrays: Arrays
     scene: Scene
 
     @cached_property

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.errors import DemonstrationError, ResultError, shortened
 from comove.io.arrays import read_arrays
 from comove.io.drafts import steadily
@@ -92,6 +93,25 @@ def require_types(
 
 Arrays = dict[str, NDArray[Any]]
 Summary = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Contents of a part of a result folder.
+
+    Attributes
+    ----------
+    folder : path of the folder
+    summary : contents of the part's JSON file
+    arrays : contents of its archive
+    """
+
+    __repr__ = brief
+
+    folder: Path
+    summary: Summary
+    arrays: Arrays
+
 
 SEAL = "summary_sha256"
 AGAIN = "solve the scene again"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,7 +11,6 @@ import numpy as np
 
 import comove
 from comove.arrays import Array
-from comove.brief import brief
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
 from comove.errors import OptionError, ResultError, shortened
@@ -30,6 +29,7 @@ from comove.results.sealed import (
     TRUTH,
     Arrays,
     ResultKind,
+    Stored,
     Summary,
     agrees,
     finite,
@@ -100,22 +100,8 @@ SOLUTION = ResultKind(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class StoredResult:
-    """Contents of a result folder.
-
-    Attributes
-    ----------
-    folder : path of the folder
-    summary : the contents of solution.json
-    arrays : the contents of solution.npz
-    """
-
-    __repr__ = brief
-
-    folder: Path
-    summary: Summary
-    arrays: Arrays
+class StoredResult(Stored):
+    """Contents of `solution.json` and `solution.npz`."""
 
     @property
     def trajectory(self) -> Trajectory:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import cycle, islice
+from itertools import combinations, cycle, islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import RobotError
+from comove.model.candidates import APART
 from comove.model.coordinates import load_coordinates
 from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.grasp import Grasp
@@ -510,7 +511,7 @@ class RobotCarrier(LimitedKinematics):
                     f"manipulators.{end}",
                     f"{near} come too near to each other at the {end}{self._when(end)}, whatever joints hold the "
                     "load",
-                    "move it, or hold it in another way",
+                    self._apart(end) or "move it, or hold it in another way",
                 )
 
     def _when(self, end: str) -> str:
@@ -540,14 +541,28 @@ class RobotCarrier(LimitedKinematics):
             )
         self.require_clear_ends()
 
+    def _apart(self, end: str) -> str:
+        """Return that two hands are nearer to each other than hands usually are, in words; empty where none are."""
+        hands = self.scene.nodes_at(end)[: len(self.holders)]
+        for i, j in combinations(range(len(hands)), 2):
+            gap = float(np.linalg.norm(hands[i] - hands[j]))
+            if gap < APART:
+                names = f"'{self.holders[i].name}' and '{self.holders[j].name}'"
+                return f"move the grasps of {names} apart: they are {gap:.3g} m apart, hands need {APART:g} m"
+        return ""
+
     @property
     def turning(self) -> float:
         """Return how far joints turn to the start and on to the goal at least, far more where links touch [rad]."""
         first, last = self._pairs[0]
-        ends = ((first, "start"), (last, "goal"))
-        free = all(self.ends.at(end).tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
         away = apart(self.ends.present, first) + apart(first, last)
-        return away + (0.0 if free else 2.0 * np.pi)
+        return away + (0.0 if self.is_clear_at_ends else 2.0 * np.pi)
+
+    @property
+    def is_clear_at_ends(self) -> bool:
+        """Return whether the likeliest joints at both ends may be clear, as capsules tell it."""
+        ends = zip(self._pairs[0], ("start", "goal"), strict=True)
+        return all(self.ends.at(end).tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""

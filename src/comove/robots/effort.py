@@ -36,8 +36,7 @@ from comove.robots.motion import (
     largest_velocity,
     subdivided,
 )
-
-ROUNDING = 1e-9  # share of a payload
+from comove.ties import ROUNDING
 
 
 def load_mass(scene: Scene) -> float:

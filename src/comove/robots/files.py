@@ -17,7 +17,6 @@ import numpy as np
 
 from comove._version import __version__
 from comove.arrays import Array, Integers
-from comove.brief import brief
 from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
 from comove.io.folders import listed_inputs, scene_folder
@@ -33,6 +32,7 @@ from comove.results.sealed import (
     TRUTH,
     Arrays,
     ResultKind,
+    Stored,
     Summary,
     checksum,
     finite,
@@ -69,22 +69,9 @@ JOINTS = ResultKind(
 
 
 @dataclass(frozen=True, eq=False)
-class StoredJoints:
-    """Contents of a result folder that belong to a robot.
+class StoredJoints(Stored):
+    """Contents of `robot.json` and `joints.npz`, and the folder's own scene."""
 
-    Attributes
-    ----------
-    folder : path of the result folder
-    summary : the contents of robot.json
-    arrays : the contents of joints.npz
-    scene : the scene read from scene.json
-    """
-
-    __repr__ = brief
-
-    folder: Path
-    summary: Summary
-    arrays: Arrays
     scene: Scene
 
     @property
@@ -284,7 +271,7 @@ def verified_against(
         If it is not verified, or was edited, or as `verify_stored`.
     """
     folder = Path(folder)
-    reference = reference_of(folder, scene).for_result(read_result(folder))
+    reference = reference_of(folder, scene).for_result(folder, read_result(folder).summary)
     source = robot_of(folder, reference, robot)
     verdict = verify_stored(folder, source.robot, scene=reference.scene)
     if verdict.verified is None:

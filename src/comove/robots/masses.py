@@ -18,9 +18,9 @@ from comove.arrays import Array
 from comove.errors import RobotError
 from comove.robots.soundness import MOMENTS, ends_of
 from comove.robots.urdf import Source
+from comove.ties import ROUNDING
 
 DENSITY = 1000.0  # kg/m^3
-ROUNDING = 1e-9  # share of a mass
 MAX_TOLD = 6
 
 

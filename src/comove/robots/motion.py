@@ -22,7 +22,6 @@ from comove.dmp.arguments import is_number
 from comove.errors import OptionError
 from comove.ties import first_largest
 
-SAMPLE_RATE = 100.0  # Hz
 SLOWEST, FASTEST = 20.0, 1e4  # Hz, of commands: below, hands would leave their distance between them
 
 

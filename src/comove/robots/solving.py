@@ -183,6 +183,8 @@ def _carried(
         carrier.require_reach()
         if scene.is_timed:
             carrier.require_room_for_obstacles()
+        if not scene.moving.any() and not carrier.is_clear_at_ends:  # by capsules, which are wider than links
+            carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
     search = partial(_in_time, scene, method, wanted)
     if carrier.transfers:

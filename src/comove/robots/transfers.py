@@ -20,11 +20,12 @@ from scipy.interpolate import CubicSpline, PPoly
 from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError
+from comove.model.motion import SAMPLE_RATE
 from comove.model.scene import Scene
 from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import Room, way
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges, largest_approach
+from comove.robots.motion import JointMotion, Ranges, largest_approach
 from comove.robots.present import Joints, present_joints
 from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check

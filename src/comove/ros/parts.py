@@ -15,6 +15,7 @@ import numpy as np
 from comove._version import __version__
 from comove.arrays import Array, Integers
 from comove.errors import ExportError
+from comove.model.motion import SAMPLE_RATE
 from comove.results.sealed import checksum
 from comove.results.solution import motion_arrays
 from comove.robots.files import joint_arrays
@@ -22,7 +23,6 @@ from comove.robots.motion import JointMotion
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
 
-SAMPLE_RATE = 100.0  # Hz
 LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 0.01 mm, linear by 0.4 mm
 LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
 NANO = 10**9

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.sim.building import build_world
 from comove.sim.engine import engine, no_pictures, require_pictures, without_log
+from comove.sim.execution import Execution
 from comove.sim.grasps import GraspModel, Weld
 from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
@@ -36,35 +37,6 @@ DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
 OF_FILMS = {"encoder": {"crf": "23"}, "container": {"movflags": "+faststart"}}  # they play while they load
 INK, PAPER = (40, 44, 52), (255, 255, 255)
-
-
-class Filmed(Protocol):
-    """Samples that are drawn: an `Execution`, or a `FilmedRun`; its attributes are those of `Execution`."""
-
-    @property
-    def robot(self) -> Robot: ...
-    @property
-    def scene(self) -> Scene: ...
-    @property
-    def motion(self) -> JointMotion: ...
-    @property
-    def grasp(self) -> GraspModel: ...
-    @property
-    def load(self) -> Load | None: ...
-    @property
-    def perturbation(self) -> Perturbation: ...
-    @property
-    def time(self) -> Array: ...
-    @property
-    def joints(self) -> Array: ...
-    @property
-    def hands(self) -> Array: ...
-    @property
-    def hands_planned(self) -> Array: ...
-    @property
-    def load_pose(self) -> Array: ...
-    @property
-    def fingers(self) -> Array | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +72,9 @@ class FilmedRun:
         hands = hand_poses(robot, scene, measured)
         time, motion = np.array(record.time), record.motion
         return cls(robot, scene, motion, grasp, load, perturbation, time, measured, hands, planned, pose)
+
+
+Filmed = Execution | FilmedRun
 
 
 @dataclass(frozen=True)

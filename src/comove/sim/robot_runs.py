@@ -11,7 +11,7 @@ place them, and the load is where the hands hold it.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ from comove.results.sealed import (
     TRUTH,
     Arrays,
     ResultKind,
+    Stored,
     Summary,
     finite,
     require_types,
@@ -43,7 +44,7 @@ from comove.sim.live_record import OnlineRecord, OnlineReport, judge_run
 from comove.sim.loads import are_poses, carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
-    from comove.control.loop import ExecutionLog
+    from comove.control.executor import ExecutionLog
 
 LOST = 0.5  # rad, difference of measured and commanded joints from which on a robot counts as driven off
 HELD, PLACED = 5e-3, 2e-2  # m, by which a load may move in the hands, and be off its place when it is grasped
@@ -122,23 +123,7 @@ def write_robot_run(
     return ROBOT_RUN.write(folder, summary, arrays)
 
 
-@dataclass(frozen=True)
-class StoredRobotRun:
-    """Contents of the folder of a robot's online run.
-
-    Attributes
-    ----------
-    folder : path of the folder
-    summary : the contents of robot_run.json
-    arrays : the contents of robot_run.npz
-    """
-
-    folder: Path
-    summary: Summary
-    arrays: Arrays
-
-
-def read_robot_run(folder: str | Path) -> StoredRobotRun:
+def read_robot_run(folder: str | Path) -> Stored:
     """Read the folder of a robot's online run; nothing of it is verified.
 
     Raises
@@ -146,10 +131,10 @@ def read_robot_run(folder: str | Path) -> StoredRobotRun:
     ResultError
         If a file is missing, incomplete or unreadable.
     """
-    return StoredRobotRun(Path(folder), *ROBOT_RUN.read(folder))
+    return Stored(Path(folder), *ROBOT_RUN.read(folder))
 
 
-def verify_robot_run(stored: StoredRobotRun, scene: Scene, robot: Robot) -> tuple[OnlineRecord, OnlineReport]:
+def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[OnlineRecord, OnlineReport]:
     """Verify a stored online run on a scene and a robot, from its joints and times alone.
 
     Clearances are those at samples, as `judge_run` measures them.
@@ -191,7 +176,7 @@ def verify_robot_run(stored: StoredRobotRun, scene: Scene, robot: Robot) -> tupl
     return record, replace(report, reasons=tuple(reasons))
 
 
-def _require_shapes(stored: StoredRobotRun, scene: Scene, robot: Robot) -> None:
+def _require_shapes(stored: Stored, scene: Scene, robot: Robot) -> None:
     arrays, n = stored.arrays, stored.arrays["time"].size
     n_joints = len(robot.joint_names)
     shapes = {

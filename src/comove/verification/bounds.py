@@ -20,12 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.system import INTERVAL, N_INTERVALS, OMEGA
 from comove.model.constraints.constraint import nearest_on_chords
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.model.motion import CoordinatedMotion
-
-Array = NDArray[np.float64]
 
 FIFTH = 5  # derivative, the second of the jerk
 SUBDIVISIONS = (1, 8, 64)  # of an interval, tried in turn where a bound alone breaks the limit

@@ -44,8 +44,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.model.motion import CoordinatedMotion
 from comove.model.moving import seen_from
@@ -66,8 +66,6 @@ from comove.verification.clearance_kernels import (
     hulls_at_knots,
     solids_at_knots,
 )
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12  # of the largest coordinate, and of a metre
 

@@ -6,8 +6,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.distances import point_distance, points_apart
 from comove.geometry.solids import empty_solid, gap, solid_at, solid_distance
@@ -20,9 +20,6 @@ from comove.geometry.surfaces import (
     surface_distance,
     triangle_gap,
 )
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 STACK = 256
 
@@ -70,7 +67,7 @@ class Rows(NamedTuple):
     """
 
     table: Array
-    owner: Numbers
+    owner: Integers
 
 
 class ClearanceFound(NamedTuple):
@@ -89,25 +86,37 @@ class ClearanceFound(NamedTuple):
     nearest: int
 
 
-class EdgeSweep(NamedTuple):
-    """An edge from one knot to the next, as seen from an obstacle.
+class Sweep(NamedTuple):
+    """A convex part of a body from one knot to the next, beside an obstacle.
 
     Attributes
     ----------
-    ends : array, shape (4, 3): first and second end at the first knot, then at the next [m]
-    length, radius : largest length of the edge, and its radius [m]
-    swell : how far it strays from the surface that its chord sweeps, at most [m]
+    begin, end : arrays, of the shape of the part, at these knots [m]
+    radius, swell : its radius, and how far it strays from what its nodes' chords span [m]
+    knot, obstacle : number of the first knot, and of the obstacle
     """
 
-    ends: Array
-    length: float
+    begin: Array
+    end: Array
     radius: float
     swell: float
+    knot: int
+    obstacle: int
+
+
+class Work(NamedTuple):
+    """Scratch: a part, the unit vector that parted last, another one, room for GJK, intervals to be looked at."""
+
+    part: Array
+    normal: Array
+    other: Array
+    simplex: Array
+    stack: Array
 
 
 @kernel
 def certified_edges(
-    curve: CurveArrays, edges: Numbers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
+    curve: CurveArrays, edges: Integers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is certified, of edges among obstacles that stand in the curve's frame too.
 
@@ -118,29 +127,29 @@ def certified_edges(
     edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), the body
     found : what is certified so far
     """
-    (nodes, deviation), (obstacles, _) = curve, rows
-    ends, stack = np.empty((4, 3)), np.empty((STACK, 4))
+    (nodes, deviation), (obstacles, owner) = curve, rows
+    begin, end, stack = np.empty((2, 3)), np.empty((2, 3)), np.empty((STACK, 4))
     cells = np.int64(0)  # a literal 0 has a type of its own, for which all below would be compiled once more
     for k in range(deviation.shape[0]):
         for e in range(edges.shape[0]):
             m, n = edges[e, 0], edges[e, 1]
             swell = max(deviation[k, m], deviation[k, n]) + need.rounding
-            ends[0], ends[1], ends[2], ends[3] = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
-            length = max(points_apart(ends[0], ends[1]), points_apart(ends[2], ends[3]))
-            move = max(points_apart(ends[0], ends[2]), points_apart(ends[1], ends[3]))
+            begin[0], begin[1], end[0], end[1] = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
+            length = max(points_apart(begin[0], begin[1]), points_apart(end[0], end[1]))
+            move = max(points_apart(begin[0], end[0]), points_apart(begin[1], end[1]))
             for j in range(obstacles.shape[0]):
-                x, y, z = _on_surface(ends, 0.5, 0.5)
+                x, y, z = _on_surface(begin, end, 0.5, 0.5)
                 distance = point_distance(obstacles, j, x, y, z) - radii[e]
                 if distance - 0.5 * move - 0.5 * length - swell > found.met:
                     continue  # far away: most cells
-                sweep = EdgeSweep(ends, length, radii[e], swell)
-                found, cells = _while_swept(rows, need, j, k, sweep, found, stack, cells)
+                sweep = Sweep(begin, end, radii[e], swell, k, owner[j])
+                found, cells = _while_swept(obstacles, j, sweep, length, need, found, stack, cells)
     return found
 
 
 @kernel
 def certified_border(
-    curve: CurveArrays, which: Numbers, radii: Array, workspace: Array, need: Need, found: ClearanceFound
+    curve: CurveArrays, which: Integers, radii: Array, workspace: Array, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is certified, of the distance of nodes from the border of the workspace.
 
@@ -180,7 +189,7 @@ def _with_bound(found: ClearanceFound, bound: float) -> ClearanceFound:
 
 @kernel
 def edges_at_knots(
-    nodes: Array, edges: Numbers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
+    nodes: Array, edges: Integers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found at every fourth knot: a good upper bound, so that few cells need halving."""
     obstacles, owner = rows
@@ -203,20 +212,20 @@ def edges_at_knots(
 
 @kernel
 def _while_swept(
-    rows: Rows,
-    need: Need,
+    obstacles: Array,
     j: int,
-    k: int,
-    sweep: EdgeSweep,
+    sweep: Sweep,
+    length: float,
+    need: Need,
     found: ClearanceFound,
     stack: Array,
     cells: int,
 ) -> tuple[ClearanceFound, int]:
-    """Bound the clearance from obstacle j while an edge sweeps from knot k to the next, halving cells where needed.
+    """Bound the clearance of an edge, of this length [m] at most, from obstacle j, halving cells where needed.
 
     `stack` is scratch, `cells` the number of cells looked at so far, which is returned as well.
     """
-    (obstacles, owner), (ends, length, radius, swell) = rows, sweep
+    begin, end, radius, swell, knot, obstacle = sweep
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
     top = 1
     while top > 0:
@@ -224,18 +233,18 @@ def _while_swept(
         cells += 1
         t0, t1, s0, s1 = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
         t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
-        x, y, z = _on_surface(ends, t, s)
+        x, y, z = _on_surface(begin, end, t, s)
         distance = point_distance(obstacles, j, x, y, z) - radius
-        found = _with_distance(found, distance, k, owner[j], need)
+        found = _with_distance(found, distance, knot, obstacle, need)
         along = distance - 0.5 * (s1 - s0) * length
-        moved = 0.5 * (t1 - t0) * max(_move(ends, s0), _move(ends, s1))
+        moved = 0.5 * (t1 - t0) * max(_move(begin, end, s0), _move(begin, end, s1))
         enough = found.met - _slack(found.met, need)
         if along - moved < enough:
-            x, y, z = _on_surface(ends, t, s0)
+            x, y, z = _on_surface(begin, end, t, s0)
             first = point_distance(obstacles, j, x, y, z) - radius
-            x, y, z = _on_surface(ends, t, s1)
+            x, y, z = _on_surface(begin, end, t, s1)
             last = point_distance(obstacles, j, x, y, z) - radius
-            found = _with_distance(found, min(first, last), k, owner[j], need)
+            found = _with_distance(found, min(first, last), knot, obstacle, need)
             along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
         if along - moved >= enough or top + 2 >= STACK or cells > need.most_cells:
             found = _with_bound(found, along - moved - swell)
@@ -253,7 +262,7 @@ def _while_swept(
 
 @kernel
 def certified_solids(
-    curve: CurveArrays, solids: Numbers, rows: Rows, need: Need, found: ClearanceFound
+    curve: CurveArrays, solids: Integers, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is certified, of solids among obstacles that stand in the curve's frame too.
 
@@ -262,53 +271,30 @@ def certified_solids(
     solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes at their corners
     """
     (nodes, deviation), (obstacles, owner) = curve, rows
-    bound, met, knot, nearest = found
-    begin, end, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
-    normal, other = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
-    stack, cells = np.empty((STACK, 2)), 0
+    begin, end, none, cells = empty_solid(solids), empty_solid(solids), np.empty((3, 3)), np.int64(0)
+    work = _work(empty_solid(solids))
     for corners in solids:
         for j in range(obstacles.shape[0]):
             solid_at(nodes[0], corners, end)
-            solid_distance(obstacles, j, end, np.inf, normal)
+            solid_distance(obstacles, j, end, np.inf, work.normal)
+            first = _gap(obstacles, j, none, end, work.normal)
             for k in range(deviation.shape[0]):
                 begin, end = end, begin
                 solid_at(nodes[k + 1], corners, end)
                 swell = _largest(deviation[k], corners) + need.rounding
-                stack[0, 0], stack[0, 1] = 0.0, 1.0
-                top = 1
-                while top > 0:
-                    top -= 1
-                    t0, t1 = stack[top, 0], stack[top, 1]
-                    slack = _slack(met, need)
-                    clear = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal)
-                    if clear < met - slack:
-                        cells += 1
-                        t = 0.5 * (t0 + t1)
-                        _between(begin, end, t, solid)
-                        at_middle, distance = solid_distance(obstacles, j, solid, np.inf, other)
-                        if distance < met:
-                            if distance < met - need.rounding:
-                                knot, nearest = k, owner[j]
-                            met = distance
-                            slack = _slack(met, need)
-                        anew = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, other)
-                        if anew > clear:
-                            clear = anew
-                            normal[0], normal[1], normal[2] = other[0], other[1], other[2]
-                        # Where they touch, or no direction does better at mid-time, halving gains nothing.
-                        gains = at_middle > 0.0 and clear < min(met, at_middle) - slack
-                        if gains and top + 2 <= STACK and cells <= need.most_halves:
-                            stack[top, 0], stack[top, 1] = t0, t
-                            stack[top + 1, 0], stack[top + 1, 1] = t, t1
-                            top += 2
-                            continue
-                    bound = min(bound, clear - swell)
-    return ClearanceFound(bound, met, knot, nearest)
+                last = _gap(obstacles, j, none, end, work.normal)
+                if min(first, last) >= found.met - _slack(found.met, need):
+                    found, first = _with_bound(found, min(first, last) - swell), last
+                    continue
+                sweep = Sweep(begin, end, 0.0, swell, k, owner[j])
+                found, cells = _while_moving(obstacles, j, none, sweep, need, found, work, cells)
+                first = _gap(obstacles, j, none, end, work.normal)
+    return found
 
 
 @kernel
 def solids_at_knots(
-    nodes: Array, solids: Numbers, rows: Rows, need: Need, found: ClearanceFound
+    nodes: Array, solids: Integers, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found of solids at every fourth knot."""
     obstacles, owner = rows
@@ -320,6 +306,82 @@ def solids_at_knots(
                 distance = solid_distance(obstacles, j, solid, found.met, normal)[1]
                 found = _with_distance(found, distance, k, owner[j], need)
     return found
+
+
+@kernel
+def _work(part: Array) -> Work:
+    return Work(part, np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3)), np.empty((STACK, 2)))
+
+
+@kernel
+def _gap(obstacles: Array, j: int, triangle: Array, part: Array, normal: Array) -> float:
+    """Return the gap [m] along `normal` between a part and obstacle j, or for negative j a triangle."""
+    if j < 0:
+        return triangle_gap(triangle, part, normal)
+    return gap(obstacles, j, part, normal[0], normal[1], normal[2])
+
+
+@kernel
+def _while_moving(
+    obstacles: Array,
+    j: int,
+    triangle: Array,
+    sweep: Sweep,
+    need: Need,
+    found: ClearanceFound,
+    work: Work,
+    cells: int,
+) -> tuple[ClearanceFound, int]:
+    """Bound the clearance of a part from obstacle j, or for negative j a triangle, halving intervals where needed.
+
+    `cells` is the number of directions that were searched for, which is returned as well.
+    """
+    (begin, end, radius, swell, knot, obstacle), (part, normal, other, simplex, stack) = sweep, work
+    stack[0, 0], stack[0, 1] = 0.0, 1.0
+    top = 1
+    while top > 0:
+        top -= 1
+        t0, t1 = stack[top, 0], stack[top, 1]
+        clear = _gap_throughout(obstacles, j, triangle, sweep, t0, t1, part, normal)
+        if clear < found.met - _slack(found.met, need):
+            cells += 1
+            t = 0.5 * (t0 + t1)
+            _between(begin, end, t, part)
+            other[:] = normal
+            if j < 0:
+                at_middle, distance = nearest(triangle, part, other, simplex)
+                if not distance > 0.0:
+                    distance = at_middle  # about how deep they cut
+            else:
+                at_middle, distance = solid_distance(obstacles, j, part, np.inf, other)
+            found = _with_distance(found, distance - radius, knot, obstacle, need)
+            anew = _gap_throughout(obstacles, j, triangle, sweep, t0, t1, part, other)
+            if anew > clear:
+                clear = anew
+                normal[:] = other
+            # Where they touch, or no direction does better at mid-time, halving gains nothing.
+            gains = at_middle > 0.0 and clear < min(found.met, at_middle - radius) - _slack(found.met, need)
+            if gains and top + 2 <= STACK and cells <= need.most_halves:
+                stack[top, 0], stack[top, 1] = t0, t
+                stack[top + 1, 0], stack[top + 1, 1] = t, t1
+                top += 2
+                continue
+        found = _with_bound(found, clear - swell)
+    return found, cells
+
+
+@kernel
+def _gap_throughout(
+    obstacles: Array, j: int, triangle: Array, sweep: Sweep, t0: float, t1: float, part: Array, normal: Array
+) -> float:
+    """Return the least gap [m] along `normal` while a part moves from the fraction t0 to t1 of its path.
+
+    `part` is scratch.
+    """
+    _between(sweep.begin, sweep.end, t0, part)
+    first = _gap(obstacles, j, triangle, part, normal)
+    _between(sweep.begin, sweep.end, t1, part)
+    return min(first, _gap(obstacles, j, triangle, part, normal)) - sweep.radius
 
 
 class MeshAround(NamedTuple):
@@ -338,7 +400,7 @@ class MeshAround(NamedTuple):
 
 @kernel
 def certified_surface(
-    curve: CurveArrays, hulls: Numbers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
+    curve: CurveArrays, hulls: Integers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is certified, of hulls and a mesh that stands in the curve's frame.
 
@@ -348,75 +410,45 @@ def certified_surface(
     radii : array, shape (n_hulls,), radii by which the parts are thickened [m]
     """
     (nodes, _), (surfaces, mesh, obstacle), n_points = curve, around, hulls.shape[1]
-    bound, met, knot, who = found
-    begin, end, middle = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((n_points, 3))
-    normal, other, scratch = np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3))
-    box_of_both, boxes, parts = np.empty((2, 3)), np.empty(DEPTH, dtype=np.int64), np.empty((STACK, 2))
-    cells = 0
+    begin, end, none = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((0, 0))
+    box_of_both, boxes = np.empty((2, 3)), np.empty(DEPTH, dtype=np.int64)
+    work, cells = _work(np.empty((n_points, 3))), np.int64(0)
     for h in range(hulls.shape[0]):
         _hull_at(nodes[0], hulls[h], end)
         for k in range(nodes.shape[0] - 1):
             begin, end = end, begin
             _hull_at(nodes[k + 1], hulls[h], end)
-            swell = radii[h] + surfaces.slack[mesh] + need.rounding
-            swell += _largest(curve.deviation[k], hulls[h])
+            swell = surfaces.slack[mesh] + _largest(curve.deviation[k], hulls[h]) + need.rounding
+            sweep = Sweep(begin, end, radii[h], swell, k, obstacle)
             _span_box(begin, end, box_of_both)
             boxes[0], top = surfaces.root[mesh], 1
             while top > 0:
                 top -= 1
                 box = boxes[top]
-                enough = met - _slack(met, need) + radii[h]
+                enough = found.met - _slack(found.met, need) + radii[h]
                 clear = box_distance(surfaces, box, box_of_both[0], box_of_both[1])
                 if clear < enough:
-                    clear = max(clear, box_gap(surfaces, box, begin, end, normal))
+                    clear = max(clear, box_gap(surfaces, box, begin, end, work.normal))
                 if clear >= enough:
-                    bound = min(bound, clear - swell)
-                    continue
-                if surfaces.right[box] >= 0:
+                    found = _with_bound(found, clear - radii[h] - swell)
+                elif surfaces.right[box] >= 0:
                     boxes[top], boxes[top + 1] = surfaces.right[box], box + 1
                     top += 2
-                    continue
-                for i in range(surfaces.first[box], surfaces.first[box] + surfaces.count[box]):
-                    triangle = surfaces.triangles[i]
-                    parts[0, 0], parts[0, 1], n_parts = 0.0, 1.0, 1
-                    while n_parts > 0:
-                        n_parts -= 1
-                        t0, t1 = parts[n_parts, 0], parts[n_parts, 1]
-                        clear = _hull_gap(triangle, begin, end, t0, t1, middle, normal)
-                        slack = _slack(met, need)
-                        if clear - radii[h] < met - slack:
-                            cells += 1
-                            t = 0.5 * (t0 + t1)
-                            _between(begin, end, t, middle)
-                            other[:] = normal
-                            at_middle, distance = nearest(triangle, middle, other, scratch)
-                            distance = (distance if distance > 0.0 else at_middle) - radii[
-                                h
-                            ]  # about how deep they cut
-                            if distance < met - need.rounding:
-                                knot, who = k, obstacle
-                            met = min(met, distance)
-                            slack = _slack(met, need)
-                            anew = _hull_gap(triangle, begin, end, t0, t1, middle, other)
-                            if anew > clear:
-                                clear = anew
-                                normal[:] = other
-                            # Where they touch, or no direction does better at mid-time, halving gains nothing.
-                            gains = (
-                                at_middle > 0.0 and clear - radii[h] < min(met, at_middle - radii[h]) - slack
-                            )
-                            if gains and n_parts + 2 <= STACK and cells <= need.most_halves:
-                                parts[n_parts, 0], parts[n_parts, 1] = t0, t
-                                parts[n_parts + 1, 0], parts[n_parts + 1, 1] = t, t1
-                                n_parts += 2
-                                continue
-                        bound = min(bound, clear - swell)
-    return ClearanceFound(min(bound, met), met, knot, who)
+                else:
+                    for i in range(surfaces.first[box], surfaces.first[box] + surfaces.count[box]):
+                        triangle = surfaces.triangles[i]
+                        clear = triangle_gap(triangle, begin, work.normal)
+                        clear = min(clear, triangle_gap(triangle, end, work.normal))
+                        if clear >= found.met - _slack(found.met, need) + radii[h]:
+                            found = _with_bound(found, clear - radii[h] - swell)
+                            continue
+                        found, cells = _while_moving(none, -1, triangle, sweep, need, found, work, cells)
+    return _with_bound(found, found.met)
 
 
 @kernel
 def hulls_at_knots(
-    nodes: Array, hulls: Numbers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
+    nodes: Array, hulls: Integers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found of hulls at every fourth knot."""
     hull, (surfaces, mesh, obstacle) = np.empty((hulls.shape[1], 3)), around
@@ -429,7 +461,7 @@ def hulls_at_knots(
 
 
 @kernel
-def _largest(deviation: Array, hull: Numbers) -> float:
+def _largest(deviation: Array, hull: Integers) -> float:
     """Return the largest distance of a hull's nodes from their chords [m]."""
     worst = 0.0
     for node in hull:
@@ -446,46 +478,10 @@ def _span_box(begin: Array, end: Array, out: Array) -> None:
 
 
 @kernel
-def _hull_at(nodes: Array, hull: Numbers, out: Array) -> None:
+def _hull_at(nodes: Array, hull: Integers, out: Array) -> None:
     """Write in `out` the nodes of a hull."""
     for i in range(hull.shape[0]):
         out[i] = nodes[hull[i]]
-
-
-@kernel
-def _hull_gap(
-    triangle: Array, begin: Array, end: Array, t0: float, t1: float, scratch: Array, normal: Array
-) -> float:
-    """Return the least gap [m] along `normal` while a hull moves from the fraction t0 to t1 of its path.
-
-    `scratch` is an array of the hull's shape.
-    """
-    _between(begin, end, t0, scratch)
-    first = triangle_gap(triangle, scratch, normal)
-    _between(begin, end, t1, scratch)
-    return min(first, triangle_gap(triangle, scratch, normal))
-
-
-@kernel
-def _gap_throughout(
-    obstacles: Array,
-    j: int,
-    begin: Array,
-    end: Array,
-    t0: float,
-    t1: float,
-    solid: Array,
-    normal: Array,
-) -> float:
-    """Return the least gap [m] along `normal` while a solid moves from the fraction t0 to t1 of its path.
-
-    `solid` is scratch.
-    """
-    x, y, z = normal[0], normal[1], normal[2]
-    _between(begin, end, t0, solid)
-    first = gap(obstacles, j, solid, x, y, z)
-    _between(begin, end, t1, solid)
-    return min(first, gap(obstacles, j, solid, x, y, z))
 
 
 @kernel
@@ -506,20 +502,20 @@ def _slack(met: float, need: Need) -> float:
 
 
 @kernel
-def _on_surface(ends: Array, t: float, s: float) -> tuple[float, float, float]:
-    """Return the point (t, s) of the surface that the edge's chord sweeps; `ends` as in `EdgeSweep`."""
+def _on_surface(begin: Array, end: Array, t: float, s: float) -> tuple[float, float, float]:
+    """Return the point (t, s) of the surface that an edge's chord sweeps."""
     f, g, h, i = (1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s
     return (
-        f * ends[0, 0] + g * ends[1, 0] + h * ends[2, 0] + i * ends[3, 0],
-        f * ends[0, 1] + g * ends[1, 1] + h * ends[2, 1] + i * ends[3, 1],
-        f * ends[0, 2] + g * ends[1, 2] + h * ends[2, 2] + i * ends[3, 2],
+        f * begin[0, 0] + g * begin[1, 0] + h * end[0, 0] + i * end[1, 0],
+        f * begin[0, 1] + g * begin[1, 1] + h * end[0, 1] + i * end[1, 1],
+        f * begin[0, 2] + g * begin[1, 2] + h * end[0, 2] + i * end[1, 2],
     )
 
 
 @kernel
-def _move(ends: Array, s: float) -> float:
-    """Return the distance that the point s of the edge moves along its chord."""
-    x = (1 - s) * (ends[2, 0] - ends[0, 0]) + s * (ends[3, 0] - ends[1, 0])
-    y = (1 - s) * (ends[2, 1] - ends[0, 1]) + s * (ends[3, 1] - ends[1, 1])
-    z = (1 - s) * (ends[2, 2] - ends[0, 2]) + s * (ends[3, 2] - ends[1, 2])
+def _move(begin: Array, end: Array, s: float) -> float:
+    """Return the distance that the point s of an edge moves along its chord."""
+    x = (1 - s) * (end[0, 0] - begin[0, 0]) + s * (end[1, 0] - begin[1, 0])
+    y = (1 - s) * (end[0, 1] - begin[0, 1]) + s * (end[1, 1] - begin[1, 1])
+    z = (1 - s) * (end[0, 2] - begin[0, 2]) + s * (end[1, 2] - begin[1, 2])
     return sqrt(x * x + y * y + z * z)

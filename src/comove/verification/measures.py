@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.motion import CoordinatedMotion
 from comove.verification.bounds import largest_jerk, node_bounds
 
@@ -28,7 +28,7 @@ def unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
     return unit_terms_of(motion.hands(np.linspace(0.0, 1.0, N_STEPS))[0])
 
 
-def unit_terms_of(position: NDArray[np.float64]) -> dict[str, float]:
+def unit_terms_of(position: Array) -> dict[str, float]:
     """Compute the terms of a movement without contact from its samples.
 
     Parameters
@@ -41,9 +41,6 @@ def unit_terms_of(position: NDArray[np.float64]) -> dict[str, float]:
         "velocity": float((moved**2).sum() * (n_steps - 1) ** 2 / n_steps),
         "obstacle": 0.0,
     }
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

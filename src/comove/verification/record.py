@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
@@ -23,8 +23,6 @@ from comove.model.scene import Scene
 from comove.verification.certificate import SETTINGS, Clearance, Paths, certify_curve
 from comove.verification.clearance_kernels import CurveArrays
 from comove.verification.verify import Report, broken_limits, examine, measures, support_measures
-
-Array = NDArray[np.float64]
 
 END_ERROR = 1e-3  # m, by which an execution may miss its goal
 END_SPEED = 1e-3  # m/s, below which it is at rest

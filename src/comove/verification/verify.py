@@ -13,9 +13,9 @@ from dataclasses import InitVar, asdict, dataclass, field
 from typing import Any, ClassVar, NamedTuple, NoReturn, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 import comove
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.errors import OptionError
@@ -37,8 +37,6 @@ from comove.verification.bounds import (
     turning_bounds,
 )
 from comove.verification.certificate import Clearance, certify
-
-Array = NDArray[np.float64]
 
 CHORD_DEVIATION = INTERVAL**2 / 8  # by which a point leaves its chord, per second derivative
 

@@ -1,4 +1,4 @@
-"""Runs of the twist programme among moving obstacles, judged by plain NumPy that reads the scene's file alone."""
+"""Runs of the safety filter among moving obstacles, judged by plain NumPy that reads the scene's file alone."""
 
 from typing import NamedTuple
 

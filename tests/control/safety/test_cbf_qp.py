@@ -1,4 +1,4 @@
-"""The twist programme at one instant: the best of what is allowed, against independent solvers and distances."""
+"""The safety filter at one instant: the best of what is allowed, against independent solvers and distances."""
 
 import numpy as np
 import pytest

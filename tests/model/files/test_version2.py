@@ -23,7 +23,10 @@ from comove.model.files.keys import canonical
 from comove.model.files.upgrade import as_text, upgraded
 from comove.model.files.version2 import MAX_CHOICES, SceneFile2
 from comove.model.scene import Scene
+from comove.view.workbench.edits import contents_of
+from comove.view.workbench.saving import scene_text
 from tests.cases import examples
+from tests.meshes import l_profile, write_obj
 
 ROOT = Path(__file__).parents[3]
 FILES = sorted(
@@ -265,6 +268,72 @@ def test_parts_hold_their_shapes(tmp_path):
     assert nodes[rod] == pytest.approx(np.array([[-0.25, 0, 0], [0.25, 0, 0]]))
 
 
+def test_meshes_among_parts_are_in_their_hulls(tmp_path):
+    """All corners of the file, turned and placed by SciPy, are in the hulls of the payload."""
+    vertices, faces = l_profile()
+    write_obj(tmp_path / "angle.obj", vertices, faces)
+    part = {
+        "shape": "mesh",
+        "file": "angle.obj",
+        "scale": 2.0,
+        "position": [0, 0, 0.1],
+        "rpy_deg": [10, 20, 30],
+    }
+    data = changed(read_text(TRAY, tmp_path), payload=None, grasps={"left": {"position": [0.1, 0, 0]}})
+    ends = {"start": {"position": [0, 0, 1]}, "goal": {"position": [0.1, 0, 1]}}
+    data["payload"] = {"parts": [{"shape": "box", "size": [0.2, 0.2, 0.02]}, part], **ends}
+    scene = Scene.from_dict(data, folder=tmp_path)
+    turn = Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
+    placed = turn.apply(2.0 * vertices) + [0, 0, 0.1]
+    nodes = scene.nodes_at("start") - [0, 0, 1]
+    hulls = [ConvexHull(nodes[np.unique(hull)]).equations for hull in scene.body.solids[1:]]
+    outside = np.min([(h[:, :3] @ placed.T + h[:, 3:]).max(axis=0) for h in hulls], axis=0)
+    assert outside.max() < 1e-9
+    whole = ConvexHull(placed).volume
+    assert sum(ConvexHull(nodes[np.unique(hull)]).volume for hull in scene.body.solids[1:]) < 0.9 * whole
+    again = Scene.from_dict(json.loads(scene.file.model_dump_json()))
+    assert again.nodes_at("goal") == pytest.approx(scene.nodes_at("goal"), abs=0), (
+        "no file is needed any more"
+    )
+
+
+def _same(one, other):
+    """Two scenes are the same to rounding: bodies at both ends, choices, obstacles and limits."""
+    for end in ("start", "goal"):
+        assert one.nodes_at(end) == pytest.approx(other.nodes_at(end), abs=1e-11)
+    assert one.manipulators == other.manipulators
+    assert one.file.constraints == other.file.constraints
+    assert one.file.limits == other.file.limits
+    assert one.obstacles == pytest.approx(other.obstacles)
+    assert len(one.alternatives) == len(other.alternatives)
+    for a, b in zip(one.file.choices or (), other.file.choices or (), strict=True):
+        assert (a.grasps, a.free) == (b.grasps, b.free)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        (("rpy_deg: [0, 35, 90]", "rpy_deg: [0, 35, 90], free: z"),),
+        (("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: cylinder\n  radius: 0.05\n  height: 0.3"),),
+        (("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: bar\n  length: 0.5\n  radius: 0.02"),),
+        (("left: {position: [-0.2, 0, 0], approach: [0, 0, -1], closing: [0, 1, 0]}", "left: auto"),),
+        (("grasps:", "constraints: [{type: upright, tolerance_deg: 40}]\ngrasps:"),),
+    ],
+)
+def test_a_scene_of_version_2_is_saved_in_version_2(changes, tmp_path):
+    """What the workbench writes reads back to the same scene, in the words of the page."""
+    scene = tray(tmp_path, *changes)
+    text = scene_text(contents_of(scene))
+    assert text.startswith("version: 2\n")
+    assert "manipulators" not in text
+    (tmp_path / "saved.yaml").write_text(text)
+    _same(Scene.load(tmp_path / "saved.yaml"), scene)
+    planar = Scene.from_dict(PLANAR)
+    (tmp_path / "planar.yaml").write_text(scene_text(contents_of(planar)))
+    _same(Scene.load(tmp_path / "planar.yaml"), planar)
+
+
 def read_text(text, folder):
     """The contents of a YAML text."""
     (folder / "read.yaml").write_text(text)
@@ -466,7 +535,37 @@ WRONG = [
         ("grasps:", "grasps: auto\nconstraints:"),
         "grasps (line 12)",
         "does not say which arms",
-        "write {left: auto, right: auto}",
+        "write {left: auto, right: auto}, or name a robot",
+    ),
+    (
+        ("rpy_deg: [0, 35, 90]", "rpy_deg: [35, 90]"),
+        "payload.goal.rpy_deg (line 11)",
+        "has 2 angles",
+        "write 3: roll, pitch and yaw",
+    ),
+    (
+        ("rpy_deg: [0, 35, 90]", "quaternion_wxyz: [1, 0, 0, 1]"),
+        "payload.goal.quaternion_wxyz (line 11)",
+        "has the norm 1.41421",
+        "w first: [0.707107, 0.0, 0.0, 0.707107]",
+    ),
+    (
+        ("rpy_deg: [0, 35, 90]", "rpy_deg: [0, 35, 90], quaternion_wxyz: [1, 0, 0, 0]"),
+        "payload.goal (line 11)",
+        "is given by rpy_deg and quaternion_wxyz",
+        "give one of them",
+    ),
+    (
+        ("  shape: box\n", "  shape: box\n  symmetric: x\n  goal: {position: [0, 0, 1], free: z}\n"),
+        "in line 10 and in line 13",
+        "the key 'goal' is given twice",
+        "",
+    ),
+    (
+        ("rpy_deg: [0, 35, 90]}", "free: z}\n  symmetric: x"),
+        "payload.goal.free (line 11)",
+        "a goal is free about one axis",
+        "leave one of them out",
     ),
     (
         ("shape: box\n  size: [0.4, 0.2, 0.05]", "parts: [{shape: ball}]"),

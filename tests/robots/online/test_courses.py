@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CENTER
@@ -87,9 +88,12 @@ def ball(center, velocity, shape=BALL):
     return Sighting.still(scene)._replace(velocity=np.array([velocity]))
 
 
-@pytest.mark.parametrize(("shape", "axis"), [(BALL, 0.0), (UPRIGHT, 0.15)])
+@pytest.mark.parametrize(
+    ("shape", "half", "spin"),
+    [(BALL, 0.0, [0, 0, 0]), (UPRIGHT, 0.15, [0, 0, 0]), (UPRIGHT, 0.15, [1.5, -0.8, 0.4])],
+)
 @pytest.mark.parametrize("seed", range(8))
-def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, axis):
+def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, half, spin):
     rng = np.random.default_rng(seed)
     start, end, radius = (
         rng.uniform(-0.5, 0.5, (5, 4, 3)),
@@ -98,11 +102,13 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, axis):
     )
     begins, times = rng.uniform(-1, 1, 3), np.linspace(0.3, 4.0, 30)
     seen = ball(begins, (rng.uniform(-0.3, 0.3, 3) - begins) / 2, shape)
+    seen = seen._replace(spin=np.array([spin], dtype=float))
     found = dangers(Places(start, end, radius), seen, times, COSTS).T
     center = seen.table[0, CENTER : CENTER + 3] + times[:, None] * seen.velocity[0]
     points = start[..., None, :] + np.linspace(0, 1, 400)[:, None] * (end - start)[..., None, :]
     off = points[:, None] - center[:, None, None]
-    off[..., 2] -= np.clip(off[..., 2], -axis, axis)
+    axis = Rotation.from_rotvec(times[:, None] * seen.spin[0]).apply([0.0, 0.0, 1.0])[:, None, None]
+    off -= np.clip((off * axis).sum(axis=-1, keepdims=True), -half, half) * axis
     apart = np.linalg.norm(off, axis=-1).min(axis=-1)
     h = (apart - radius - 0.08).min(axis=-1)
     wanted = np.interp(h, [-0.01, 0.02], [300.0, 100.0])

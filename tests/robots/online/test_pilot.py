@@ -139,7 +139,7 @@ def test_a_close_shave_is_met_but_clear(gap, met, clear):
     seen, away = nothing(), 0.08 + carrier.scene.body.radii.max() + gap
     seen.table[0, CENTER : CENTER + 3] = 0.5 * (nodes[0] + nodes[1]) - [0.0, 0.0, away]
     ahead = pilot._ahead(pilot.reference, 0.0, seen)
-    assert (ahead.max() >= SETTINGS.courses.meeting) == met
+    assert (ahead.max() >= SETTINGS.courses.costs.meeting) == met
     assert pilot._is_clear(ahead) is clear
 
 

@@ -49,6 +49,7 @@ from comove.control.safety.qp_workspace import (
     empty_workspace,
 )
 from comove.control.safety.twists import group_nodes
+from comove.geometry.rotations import matrices
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
 from comove.ties import first_largest
@@ -58,6 +59,7 @@ NOTHING = -2
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
 ENDLESS = 1e30  # infinite for the solver
 TOLERANCE = 1e-9  # m/s, of rows in the solver
+UPRIGHT = 1e-6  # sine of the angle below which a body does not lean
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
@@ -191,6 +193,9 @@ class SafetyFilter:
         self.scene, self.period, self.settings, self.joints = scene, float(period), settings, joints
         self._points = load_points(scene, settings.n_points)
         self._freedom = _freedom(scene, settings.turning_weight)
+        self._leaning = [
+            (g, own.mask.up, own.mask.tilt) for g, own in enumerate(scene.groups) if own.mask.up is not None
+        ]
         braking = settings.braking_share * scene.acceleration_limit
         self._rates = Rates(
             self.period,
@@ -215,7 +220,9 @@ class SafetyFilter:
             self._hands[0],
             (n_obstacles, self.scene.obstacles.shape[1]),
             self.settings.max_rounds + 1,
-            len(self.scene.sampled) + (joints.n_fixed + joints.max_rows(n_obstacles) if joints else 0),
+            len(self.scene.sampled)
+            + len(self._leaning)
+            + (joints.n_fixed + joints.max_rows(n_obstacles) if joints else 0),
             joints.n_joints if joints else 0,
         )
         n_rows, n = len(self._work.low), self.n_variables
@@ -267,7 +274,7 @@ class SafetyFilter:
             qp.work.linear[n:] = -self.joints.weight * joints.wanted
             same = np.append(np.arange(n_obstacles), unsure)
             m = self.joints.write(qp, m, poses, joints, sighting, same)
-        m = self._sampled_rows(m)
+        m = self._leaning_rows(self._sampled_rows(m), poses)
         twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
         self._limits_slack = 0.0
         for _ in range(self.settings.max_rounds):
@@ -287,6 +294,24 @@ class SafetyFilter:
         if blocking >= n_obstacles:
             blocking = int(unsure[blocking - n_obstacles])
         return Allowed(twists, z[n:], relaxed if relaxed > TOLD else 0.0, blocking)
+
+    def _leaning_rows(self, m: int, poses: HandPoses) -> int:
+        """Write a row for every body that must not lean too far, and return the number of rows."""
+        work = self._work
+        for g, own, tilt in self._leaning:
+            up = matrices(poses.quaternion[g]) @ own
+            about = np.array([-up[1], up[0], 0.0])  # it leans further as it turns about this
+            sine = float(np.linalg.norm(about))
+            if sine < UPRIGHT:
+                continue
+            reach, left = self._freedom.scale[g], tilt - np.arctan2(sine, up[2])
+            turns = self._freedom.basis[g, 3:]
+            work.rows[m] = 0.0
+            work.rows[m, : turns.shape[1]] = -reach / sine * about @ turns
+            work.low[m] = -rate(reach * left - RESERVE, work.gain[g], self._rates)
+            work.owner[m], work.body[m] = HANDS, g
+            m += 1
+        return m
 
     def _sampled_rows(self, m: int) -> int:
         """Write a row for every constraint that nothing else holds, and return the number of rows.
@@ -424,13 +449,14 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
     idle, spread, lever = np.zeros((n_groups, 3, 3)), np.zeros(n_groups), np.ones(n_groups)
     n = 0
     for g, group in enumerate(scene.groups):
-        for k in range(n_dims):
-            if k == up and level[g] in shared:
+        normal, ways = group.mask.normal, np.eye(3)[:n_dims]
+        for k, way in enumerate(ways if normal is None else np.linalg.svd(normal[None])[2][1:]):
+            if normal is None and k == up and level[g] in shared:
                 basis[g, k, shared[level[g]]] = 1.0
                 continue
-            if k == up:
+            if normal is None and k == up:
                 shared[level[g]] = n
-            basis[g, k, n] = 1.0
+            basis[g, :3, n] = way
             n += 1
         if group.orientation in ("none", "fixed"):
             continue
@@ -444,9 +470,9 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
             axis[g] = n
             n += 2
             continue
-        entries = (5,) if group.orientation in ("plane", "vertical") else (3, 4, 5)
-        for entry in entries:
-            basis[g, entry, n] = 1.0 / scale[g]
+        turns = np.eye(3)[2:] if group.orientation in ("plane", "vertical") else np.eye(3)
+        for turn in turns if group.mask.axis is None else group.mask.axis[None]:
+            basis[g, 3:, n] = turn / scale[g]
             n += 1
         # Turning that hands hardly feel is made to cost a little.
         inertia = (held**2).sum() * np.eye(3) - held.T @ held

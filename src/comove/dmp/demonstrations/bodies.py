@@ -24,15 +24,13 @@ from comove.dmp.demonstrations.columns import (
     bare_name,
     words_of,
 )
-from comove.dmp.demonstrations.samples import AXES, QUATERNION, UNIT, fault
+from comove.dmp.demonstrations.samples import AXES, QUATERNION, SHOWN, UNIT, fault
 from comove.dmp.demonstrations.units import TIMES, base_unit, in_base_unit, is_angle
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 from comove.geometry.rotations import exponential, quaternion_product
 
 _TURN = 2.2 * np.pi
 """Angles of orientations beyond this are not radians."""
-_SHOWN = 12
-"""Columns that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -333,7 +331,7 @@ def ambiguous(
     return fault(
         file,
         option,
-        f"{len(found)} columns are called {name!r}: {listed(known, _SHOWN)}",
+        f"{len(found)} columns are called {name!r}: {listed(known, SHOWN)}",
         f"choose one of them{'' if is_one else ', or a body'}",
         **{option: str(found[0].number + 1) if is_one else asked},
     )
@@ -370,7 +368,7 @@ def chosen_body(
             others = [one for one in wanted if one != name and len(columns_named(one, columns)) == 1]
             raise ambiguous(file, "columns", name, found, others)
         if not found:
-            known = list(dict.fromkeys(filter(None, (*(c.label for c in columns), *every))))[:_SHOWN]
+            known = list(dict.fromkeys(filter(None, (*(c.label for c in columns), *every))))[:SHOWN]
             near = near_name(name, known) + f"; or give numbers from 1 to {len(columns)}"
             raise fault(file, "columns", f"there is no column {name!r}", near)
         if found[0] in places:

@@ -81,6 +81,9 @@ def learn_command(path: object, **options: Any) -> str:
 
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
+SHOWN = 12
+"""Names that a message lists."""
+
 MAX_ROWS = 2_000_000
 """Samples that are read from one file."""
 _EVEN_SHARE = 1e-3

@@ -148,7 +148,7 @@ def count_execution(search: Search, hands: Array) -> None:
     sampled = interpolated(even, np.arange(len(hands), dtype=np.float64), hands.reshape(len(hands), -1))
     nodes = spatial(sampled.reshape(1, N_STEPS, *hands.shape[1:]))
     search.count(1)
-    value = search.objective.evaluate_nodes(nodes, scene.displacements_along(N_STEPS).offsets)
+    value = search.objective.evaluate_nodes(nodes, scene.displacements_along(N_STEPS))
     search.tell(float(value.cost[0]), float(value.penalty[0]))
 
 

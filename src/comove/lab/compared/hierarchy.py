@@ -16,8 +16,8 @@ import daqp
 import numpy as np
 
 from comove.arrays import Array
+from comove.planning.convex.quadratic import FREE
 
-ENDLESS = 1e30  # infinite to the solver
 REGULAR = 1e-7  # added to the quadratic form: keeps small what a task does not determine
 RANK = 1e-9  # singular values below this share of the largest count as zero
 TOLERANCE = 1e-10  # of rows, in the solver
@@ -71,7 +71,7 @@ def _solve(matrix: Array, target: Array, rows: Array, low: Array) -> Array | Non
         quadratic,
         -matrix.T @ target,
         np.ascontiguousarray(rows),
-        np.full(len(rows), ENDLESS),
+        np.full(len(rows), FREE),
         low,
         np.zeros(len(rows), dtype=np.int32),
         primal_tol=TOLERANCE,
@@ -91,7 +91,7 @@ def _least_slack(rows: Array, low: Array) -> Array:
         np.diag(size),
         np.zeros(n + m),
         whole,
-        np.full(2 * m, ENDLESS),
+        np.full(2 * m, FREE),
         np.concatenate([low, np.zeros(m)]),
         np.zeros(2 * m, dtype=np.int32),
         primal_tol=TOLERANCE,

@@ -207,7 +207,7 @@ def level_obstacle(scene: Scene, j: int, *, margin: float = 0.0) -> MovingObstac
         raise OptionError(
             f"{scene.name_of(j)} has no level function",
             key="j",
-            way_out="put boxes or ellipsoids in its place, or use the twist programme",
+            way_out="put boxes or ellipsoids in its place, or use the safety filter",
         )
     kind, size = int(row[sd.KIND]), [float(x) for x in row[sd.SIZE : sd.SIZE + 3]]
     shapes: dict[int, Callable[[], Shape]] = {

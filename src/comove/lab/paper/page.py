@@ -45,7 +45,6 @@ from comove.lab.summaries import table
 from comove.model.motion import CoordinatedMotion
 from comove.view.figures.motion import N_STATES
 
-MINUTE = 60.0  # s
 LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
 PAGE, FOLDER, RUNS = "paper.md", "paper", "runs.csv"
 CONTENTS = Contents(
@@ -155,7 +154,7 @@ comove reproduce --seeds 2 --out look
 The first writes this page, the second is a quick look at it. This page: version {__version__},
 {runs.plan.seeds} seeds,
 {len(runs.outcomes)} solutions and {len(runs.compared)} executions, {effort.processes} at a time, in
-{effort.seconds / MINUTE:.1f} minutes on the wall and {effort.processor / effort.processes / MINUTE:.1f} minutes of
+{effort.seconds / 60:.1f} minutes on the wall and {effort.processor / effort.processes / 60:.1f} minutes of
 processor time each.
 Budgets and times below are processor times: what else the machine did meanwhile does not count.
 [Every run]({folder}/runs.csv) is one line of a table.

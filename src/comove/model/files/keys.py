@@ -204,7 +204,15 @@ def _three(numbers: tuple[float, ...]) -> tuple[float, ...]:
     return numbers
 
 
+def _three_angles(angles: tuple[float, ...]) -> tuple[float, ...]:
+    if len(angles) != 3:
+        wanted = "write 3: roll, pitch and yaw, about the fixed axes x, y and z"
+        raise Wrong(f"{show(angles)} has {counted(angles, 'angle')}", wanted)
+    return angles
+
+
 Triple = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_three)]
+Angles = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_three_angles)]
 
 
 class Turned(Sparse):
@@ -213,7 +221,7 @@ class Turned(Sparse):
     LATER = ("angle_deg", "rpy_deg", "quaternion_wxyz")
     angle_deg: Number | None = None
     """In the plane, counter-clockwise [deg]."""
-    rpy_deg: Triple | None = None
+    rpy_deg: Angles | None = None
     """Angles about the parent's axes x, y and z, in this order, as in URDF [deg]."""
     quaternion_wxyz: Quaternion | None = None
 

@@ -11,12 +11,12 @@ import yaml
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import facing, fit_quaternion, matrices, quaternion_of_rotation
-from comove.model.files.keys import BarLoad
+from comove.model.files.keys import BarLoad, SceneFile, Turned
 from comove.model.grasp import Grasp, alternatives
 from comove.model.groups import GroupPose, RigidGroup
 from comove.model.rigid import ENDS, load_shape
 from comove.model.scene import Scene
-from comove.model.shapes import LOAD, read_meshes
+from comove.model.shapes import LOAD, read_meshes, spatial
 
 Array = NDArray[np.float64]
 
@@ -67,6 +67,76 @@ def upgraded(scene: Scene, data: Mapping[str, Any]) -> dict[str, Any]:
     if file.grasp is not None and not any(constraint.type == "upright" for constraint in file.constraints):
         new["constraints"] = [*new.get("constraints", []), {"type": "upright"}]
     return new
+
+
+def has_poses(file: SceneFile) -> bool:
+    """Return whether a scene's payload has poses and its grasps are in the payload's frame, as in version 2."""
+    own = file.load is not None and file.load.start is not None and file.load.goal is not None
+    return own and (file.grasp is None or file.grasp.frames is not None)
+
+
+def written(file: SceneFile) -> dict[str, Any]:
+    """Return the contents of a file of version 2 of a scene that `has_poses`, as it is read from one."""
+    data, load = file.model_dump(mode="json", exclude_defaults=True), file.load
+    assert load is not None and load.start is not None and load.goal is not None, "see `has_poses`"
+    new: dict[str, Any] = {"version": 2, "name": file.name}
+    new |= {key: data[key] for key in ("duration", "robot", "workspace") if data.get(key) is not None}
+    shape = data["load"] | {"shape": load.shape}
+    parts = shape.get("parts", ())
+    if (
+        len(parts) == 1
+        and not {"position", *Turned.orientation_keys()} & {*parts[0]}
+        and parts[0]["shape"] != "hull"
+    ):
+        shape = (
+            {"shape": parts[0]["shape"]} | parts[0] | {key: shape[key] for key in ("mass",) if key in shape}
+        )
+    new["payload"] = _payload({key: value for key, value in shape.items() if key not in ENDS}, load)
+    first = (file.choices or (None,))[0]
+    for end in ENDS:
+        pose = first.goal if first is not None and end == "goal" else getattr(load, end)
+        turn = matrices(np.array(pose.quaternion_wxyz))
+        new["payload"][end] = _pose(GroupPose(spatial(np.array(pose.position)), turn), file.dimension)
+    if first is not None and first.free is not None:
+        new["payload"]["goal"]["free"] = first.free
+    frames = None if file.grasp is None else file.grasp.frames
+    ways: list[tuple[Mapping[str, Any], Mapping[str, Any] | None]] = [(_held_at(file), frames)]
+    ways = [(choice.grasps, choice.frames) for choice in file.choices or ()] or ways
+    sets = [
+        {
+            name: {"position": [*at]} | ({} if frames is None else _frame(frames[name]))
+            for name, at in grasps.items()
+        }
+        for grasps, frames in ways
+    ]
+    new["grasps"] = sets[0] if len(sets) == 1 else sets
+    others = [m for m in file.manipulators if m.name not in file.holders]
+    if others:
+        new["end_effectors"] = {m.name: {"start": [*m.start], "goal": [*m.goal]} for m in others}
+    return new | {key: data[key] for key in KEPT if data.get(key)}
+
+
+def _held_at(file: SceneFile) -> dict[str, list[float]]:
+    """Return where a payload with poses is held, in its frame, by the names of its holders."""
+    load = file.load
+    assert load is not None and load.start is not None, "the payload has poses"
+    if getattr(load, "grasps", None):
+        return {name: [*at] for name, at in load.grasps.items()}  # type: ignore[union-attr]
+    turn, middle = matrices(np.array(load.start.quaternion_wxyz)), spatial(np.array(load.start.position))
+    at = {
+        m.name: (spatial(np.array(m.start)) - middle) @ turn
+        for m in file.manipulators
+        if m.name in file.holders
+    }
+    return {name: _rounded(place[: file.dimension]) for name, place in at.items()}
+
+
+def _frame(quaternion: tuple[float, ...]) -> dict[str, Any]:
+    """Return the orientation of a grasp frame, by its directions where they are axes of its parent."""
+    frame = matrices(np.array(quaternion))
+    if np.abs(frame - frame.round()).max() < 10.0**-DIGITS:
+        return {"approach": _rounded(frame[:, 2]), "closing": _rounded(frame[:, 1])}
+    return {"quaternion_wxyz": [*quaternion]}
 
 
 def as_text(contents: Mapping[str, Any]) -> str:
@@ -154,9 +224,7 @@ def _turned(scene: Scene, name: str, grasp: Grasp | None, parent: Array) -> dict
         return {}
     hands = scene.nodes_at("start")
     frame = parent.T @ grasp.hand_rotations(hands)[scene.manipulators.index(name)]
-    if np.abs(frame - frame.round()).max() < 10.0**-DIGITS:
-        return {"approach": _rounded(frame[:, 2]), "closing": _rounded(frame[:, 1])}
-    return {"quaternion_wxyz": quaternion_of_rotation(frame).tolist()}
+    return _frame(tuple(quaternion_of_rotation(frame).tolist()))
 
 
 def _pose(pose: GroupPose, n_dims: int) -> dict[str, Any]:

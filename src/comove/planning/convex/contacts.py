@@ -13,20 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.closest_points import near_on_hull, near_on_solid, solid_gradient
-from comove.geometry.distances import (
-    CENTER,
-    REACH,
-    TINY,
-    distance_and_gradient,
-    nearest_on_segment,
-    point_distance,
+from comove.contacts.displaced import carried_back, carried_forward, moves, turned_forward
+from comove.contacts.query import nearest_point, normal_at, part_apart
+from comove.contacts.surroundings import (
+    Surroundings,
+    corner_of,
+    count_corners,
+    count_parts,
+    most_corners,
+    radius_of,
+    surroundings_of,
+    whose,
 )
-from comove.geometry.solids import count_solids, empty_solid, solid_at
-from comove.geometry.surfaces import count_meshes, near_on_surface
+from comove.geometry.distances import distance_and_gradient, point_distance
+from comove.geometry.surfaces import count_meshes
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, Coordinates
+from comove.model.displacements import Displacements
 from comove.model.scene import Scene
-from comove.planning.surroundings import Surroundings, surroundings_of
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -49,14 +52,11 @@ class MovedLoad(NamedTuple):
     ----------
     around : load and all that it must not touch
     block : array of int, shape (n_nodes,), block of the coordinates that moves each node
-    thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
-        solid alone; -1 for nodes of neither
     n_owners : number of obstacles; as owners of contacts, the border and the separations follow them
     """
 
     around: Surroundings
     block: Integers
-    thickness: Array
     n_owners: int
 
 
@@ -67,55 +67,48 @@ class Transit(NamedTuple):
     ----------
     load : the load and its surroundings
     nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
-    offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
-        n_samples = 0 if none moves
+    moved : displacements of the obstacles at the samples; none if nothing moves
     way : array, shape (n_samples,), sum, since the first sample, of the largest displacement of any node [m]
     """
 
     load: MovedLoad
     nodes: Array
-    offsets: Array
+    moved: Displacements
     way: Array
 
 
 def moved_load(scene: Scene, coordinates: Coordinates) -> MovedLoad:
     """Return the load of a scene, as its coordinates move it, and everything around it."""
-    body, blocks = scene.body, coordinates.blocks
+    blocks = coordinates.blocks
     block = np.zeros(len(blocks.node), dtype=np.int64)
     for b in range(len(blocks.kind)):
         block[blocks.node[blocks.first[b] : blocks.first[b + 1]]] = b
-    thickness = np.full(len(block), -1.0)
-    for ends, radius in zip(body.edges, body.radii, strict=True):
-        thickness[ends] = np.maximum(thickness[ends], radius)
-    thickness[body.solids.ravel()] = np.maximum(thickness[body.solids.ravel()], 0.0)
     last = scene.owners.max(initial=len(scene.file.obstacles) - 1)  # higher where some were only seen
-    return MovedLoad(surroundings_of(scene), block, thickness, int(last) + 1)
+    return MovedLoad(surroundings_of(scene), block, int(last) + 1)
 
 
 @kernel
-def find_contacts(load, nodes, offsets, cutoff, found, least):
+def find_contacts(load, nodes, moved, cutoff, found, least):
     """Write the contacts nearer than `cutoff` into `found` and return their number.
 
     Parameters
     ----------
     load : MovedLoad
     nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
-    offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
-        n_samples = 0 if none moves
+    moved : Displacements of the obstacles at the samples; none if nothing moves
     found : array, shape (n_most, N_FIELDS); n_most = 0 if only `least` is needed
     least : array, shape (n_owners + 2,), into which are written the least distance from each obstacle,
         from the border, and of hands beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
-    around, transit = load.around, Transit(load, nodes, offsets, _way(nodes))
+    around, transit = load.around, Transit(load, nodes, moved, _way(nodes))
     n_samples, n_rows, n_meshes = nodes.shape[0], around.convex.shape[0], count_meshes(around.surfaces)
-    n_parts = around.edges.shape[0] + count_solids(around.solids)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
-    contact, points = np.zeros(N_FIELDS), np.empty((_most_corners(around.solids) + 2, 3))
+    contact, points = np.zeros(N_FIELDS), np.empty((most_corners(around.solids) + 2, 3))
     n = np.int64(0)  # a plain 0 is a type of its own, for which all that takes it would be compiled once more
-    for part in range(n_parts):
+    for part in range(count_parts(around)):
         for thing in range(n_rows + n_meshes):
-            row, owner = _whose(around, thing)
+            row, owner = whose(around, thing)
             if not _look_along(transit, part, thing, row, cutoff, distance, tau, points):
                 continue
             for s in range(n_samples):
@@ -132,8 +125,8 @@ def find_contacts(load, nodes, offsets, cutoff, found, least):
                 n = _written(contact, found, n)
                 if distance[s] < CLOSE and thing < n_rows:
                     n = _ends(transit, part, thing, row, cutoff, contact, found, n)
-    n = _border(load, nodes, cutoff, found, least, n)
-    return _apart(load, nodes, cutoff, found, least, n)
+    n = _border(load, nodes, cutoff, contact, found, least, n)
+    return _apart(load, nodes, cutoff, contact, found, least, n)
 
 
 @kernel
@@ -151,7 +144,7 @@ def _way(nodes):
     return way
 
 
-@kernel
+@kernel(counted=False)
 def _kept(s, distance, nearest):
     """Return whether a sample becomes a contact."""
     if distance < CLOSE:
@@ -161,7 +154,7 @@ def _kept(s, distance, nearest):
     return s % (3 * COARSE) == 0
 
 
-@kernel
+@kernel(counted=False)
 def _written(contact, found, n):
     """Append a contact where there is room; return the new number of contacts."""
     if n == found.shape[0]:
@@ -171,49 +164,7 @@ def _written(contact, found, n):
     return n + 1
 
 
-@kernel
-def _whose(around, thing):
-    """Return row in the scene's table and owner of a thing: a convex obstacle, or a mesh, which are numbered next."""
-    n_rows = around.convex.shape[0]
-    if thing < n_rows:
-        return around.convex[thing], around.owners[around.convex[thing]]
-    return _whose_mesh(around.surfaces, thing - n_rows)
-
-
-@kernel
-def _whose_mesh(surfaces, mesh):
-    """Return row and owner of a mesh."""
-    if surfaces is None:
-        return -1, -1
-    return surfaces.row[mesh], surfaces.owner[mesh]
-
-
-@kernel
-def _most_corners(solids):
-    """Return the largest number of corners of a part of the load."""
-    if solids is None:
-        return 2
-    return max(2, solids.shape[1])
-
-
-@kernel
-def _corners(solids, edges, part):
-    """Return the nodes at the corners of a part of the load: a rod, or a solid, which are numbered next."""
-    if solids is None:
-        return edges[part]
-    return edges[part] if part < edges.shape[0] else solids[part - edges.shape[0]]
-
-
-@kernel
-def _moves(offsets, row):
-    """Return whether an obstacle ever moves."""
-    for s in range(offsets.shape[0]):
-        if offsets[s, row, 0] != 0.0 or offsets[s, row, 1] != 0.0 or offsets[s, row, 2] != 0.0:
-            return True
-    return False
-
-
-@kernel
+@kernel(counted=False)
 def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     """Write the distance of a part from a thing at every sample, and the nearest places between samples.
 
@@ -221,7 +172,7 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     -------
     bool, whether any distance is below `cutoff`
     """
-    way, moves = transit.way, _moves(transit.offsets, row)
+    way, changes = transit.way, moves(transit.moved, row)
     n_samples, any_near, far = way.shape[0], False, cutoff + CLOSE
     distance[:], tau[:] = far, 0.0
     for s in range(0, n_samples, COARSE):
@@ -231,7 +182,7 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
         last = min(first + COARSE, n_samples - 1)
         between = min(distance[first], distance[last])
         # In between, the distance is smaller by half of the way at most: samples are skipped where that is still far.
-        worth = moves or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
+        worth = changes or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
             distance[s] = between
             if worth and _apart_at_least(transit, part, thing, row, s, cutoff) < cutoff:
@@ -258,178 +209,88 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     return True
 
 
-@kernel
+@kernel(counted=False)
+def _instant(s, tau):
+    """Return a place between samples as an instant: two samples, and the share of the time between them."""
+    return s, s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
+
+
+@kernel(counted=False)
 def _apart_at_least(transit, part, thing, row, s, enough):
     """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
-    around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
-    n_rods, n_rows = around.edges.shape[0], around.convex.shape[0]
-    middle, reach, corners = np.zeros(3), 0.0, _corners(around.solids, around.edges, part)
-    for i in corners:
-        for axis in range(3):
-            middle[axis] += nodes[s, i, axis] / corners.shape[0]
-    for i in corners:
-        square = 0.0
-        for axis in range(3):
-            square += (nodes[s, i, axis] - middle[axis]) ** 2
-        reach = max(reach, square)
-    reach = sqrt(reach) + (around.radii[part] if part < n_rods else 0.0)
-    for axis in range(3):
-        middle[axis] -= offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0
-    if thing >= n_rows:
-        return _from_box_of_mesh(around.surfaces, thing - n_rows, middle) - reach
-    square = 0.0
-    for axis in range(3):
-        square += (middle[axis] - around.obstacles[row, CENTER + axis]) ** 2
-    bound = sqrt(square) - reach - around.obstacles[row, REACH]
-    if bound >= enough:
-        return bound
-    return point_distance(around.obstacles, row, middle[0], middle[1], middle[2]) - reach
+    around, instant = transit.load.around, _instant(s, 0.0)
+    return part_apart(around, transit.moved, instant, transit.nodes[s], part, thing, row, enough)
 
 
-@kernel
-def _from_box_of_mesh(surfaces, mesh, point):
-    """Return the distance [m] of a point from the box that contains all of a mesh."""
-    if surfaces is None:
-        return np.inf
-    root, square = surfaces.root[mesh], 0.0
-    for axis in range(3):
-        square += (
-            max(surfaces.lower[root, axis] - point[axis], point[axis] - surfaces.upper[root, axis], 0.0) ** 2
-        )
-    return sqrt(square)
-
-
-@kernel
+@kernel(counted=False)
 def _look(transit, part, thing, row, s, tau, cutoff, points):
     """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
 
     Written into `points` are the corners of the part, as seen from the thing, then the nearest point, and, for a
     mesh, its direction from the thing.
     """
-    around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
-    t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
-    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.convex.shape[0]
-    corners = _corners(around.solids, around.edges, part)
-    n_corners = corners.shape[0]
-    for axis in range(3):
-        moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
-        for i in range(n_corners):
-            points[i, axis] = (1 - w) * nodes[s, corners[i], axis] + w * nodes[t, corners[i], axis] - moved
-    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
-    radius = around.radii[part] if part < n_rods else 0.0
-    if thing >= n_rows:
-        distance = _near_mesh(
-            around.surfaces, thing - n_rows, points[:n_corners], cutoff + radius, near, normal
-        )
-    elif part < n_rods:
-        p, q = points[0], points[1]
-        distance, share, high, falls, rises = nearest_on_segment(
-            around.obstacles, row, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radius, TOLERANCE
-        )
-        if high > share:  # where the slopes, taken to change evenly, vanish
-            share += (high - share) * min(max(-falls / max(rises - falls, TINY), 0.0), 1.0)
+    around, nodes, instant = transit.load.around, transit.nodes, _instant(s, tau)
+    n_corners, (_, t, w) = count_corners(around, part), instant
+    for i in range(n_corners):
+        k = corner_of(around, part, i)
         for axis in range(3):
-            near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
-    else:
-        distance = _near_solid(around.solids, around.obstacles, row, points, cutoff, near)
-    return min(distance - radius, cutoff)
+            points[i, axis] = (1 - w) * nodes[s, k, axis] + w * nodes[t, k, axis]
+        points[i, 0], points[i, 1], points[i, 2] = carried_back(
+            transit.moved, row, instant, points[i, 0], points[i, 1], points[i, 2]
+        )
+    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
+    return nearest_point(around, part, thing, row, points[:n_corners], cutoff, TOLERANCE, near, normal)
 
 
-@kernel
-def _near_mesh(surfaces, mesh, points, cutoff, near, normal):
-    """Return the distance [m] of the hull of points from a mesh; write nearest point and direction from the mesh."""
-    if surfaces is None:
-        return cutoff
-    return near_on_surface(surfaces, mesh, points, cutoff, -np.inf, near, normal)
-
-
-@kernel
-def _near_solid(solids, table, thing, points, cutoff, near):
-    """Return the distance [m] of the solid with corners `points` from an obstacle; write its nearest point."""
-    if solids is None:
-        return cutoff
-    solid = empty_solid(solids)
-    solid_at(points, np.arange(solids.shape[1]), solid)
-    distance = near_on_hull(table, thing, solid, cutoff, near)
-    if distance <= 0.0:  # boxes that penetrate each other: their edges give the depth
-        distance = near_on_solid(table, thing, solid, cutoff, near)
-    return distance
-
-
-@kernel
+@kernel(counted=False)
 def _describe(transit, part, thing, row, s, tau, points, contact):
     """Write the contact that `_look` has just found, except its distance and owner."""
-    around, offsets = transit.load.around, transit.offsets
-    t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
-    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.convex.shape[0]
-    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
-    if thing < n_rows and part < n_rods:
-        _, normal[0], normal[1], normal[2] = distance_and_gradient(
-            around.obstacles, row, near[0], near[1], near[2]
-        )
-    elif thing < n_rows:
-        _away_from_solid(around.solids, around.obstacles, row, near, normal)
-    block = transit.load.block[_corners(around.solids, around.edges, part)[0]]
-    contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, block, -1
+    around, place, normal = transit.load.around, contact[PLACE : PLACE + 3], contact[NORMAL : NORMAL + 3]
     for axis in range(3):
-        moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
-        contact[PLACE + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
+        place[axis], normal[axis] = points[points.shape[0] - 2, axis], points[points.shape[0] - 1, axis]
+    normal_at(around, part, thing, row, place, normal)
+    carried_forward(transit.moved, row, _instant(s, tau), place)
+    turned_forward(transit.moved, row, _instant(s, tau), normal)
+    contact[SAMPLE], contact[TAU], contact[OTHER] = s, tau, -1
+    contact[BLOCK] = transit.load.block[corner_of(around, part, 0)]
 
 
-@kernel
-def _away_from_solid(solids, table, thing, near, normal):
-    """Write the direction that leads from an obstacle to a solid's nearest point."""
-    if solids is None:
-        return
-    _, normal[0], normal[1], normal[2] = solid_gradient(table, thing, near[0], near[1], near[2])
-
-
-@kernel
+@kernel(counted=False)
 def _ends(transit, part, thing, row, cutoff, contact, found, n):
     """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
-    around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
-    s, tau = int(contact[SAMPLE]), contact[TAU]
-    t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
-    corners = _corners(around.solids, around.edges, part)
-    radius = around.radii[part] if part < around.edges.shape[0] else 0.0
-    x, apart = np.empty(3), np.empty(3)
-    near = contact[PLACE : PLACE + 3].copy()
-    for i in corners:
-        square = 0.0
+    around, nodes, moved = transit.load.around, transit.nodes, transit.moved
+    place, normal, obstacles = contact[PLACE : PLACE + 3], contact[NORMAL : NORMAL + 3], around.obstacles
+    instant, a, b, c = _instant(int(contact[SAMPLE]), contact[TAU]), place[0], place[1], place[2]
+    s, t, w = instant
+    for corner in range(count_corners(around, part)):
+        i = corner_of(around, part, corner)
         for axis in range(3):
-            x[axis] = (1 - w) * nodes[s, i, axis] + w * nodes[t, i, axis]
-            square += (x[axis] - near[axis]) ** 2
-        if square < 1e-12:
+            place[axis] = (1 - w) * nodes[s, i, axis] + w * nodes[t, i, axis]
+        if (place[0] - a) ** 2 + (place[1] - b) ** 2 + (place[2] - c) ** 2 < 1e-12:
             continue
-        for axis in range(3):
-            moved = 0.0
-            if offsets.shape[0] > 0:
-                moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis]
-            apart[axis] = x[axis] - moved
-        distance = point_distance(around.obstacles, row, apart[0], apart[1], apart[2]) - radius
+        x, y, z = carried_back(moved, row, instant, place[0], place[1], place[2])
+        distance = point_distance(obstacles, row, x, y, z) - radius_of(around, part)
         if distance >= cutoff:
             continue
-        _, gx, gy, gz = distance_and_gradient(around.obstacles, row, apart[0], apart[1], apart[2])
-        contact[PLACE], contact[PLACE + 1], contact[PLACE + 2] = x[0], x[1], x[2]
-        contact[NORMAL], contact[NORMAL + 1], contact[NORMAL + 2] = gx, gy, gz
+        _, normal[0], normal[1], normal[2] = distance_and_gradient(obstacles, row, x, y, z)
+        turned_forward(moved, row, instant, normal)
         contact[DISTANCE] = distance
         n = _written(contact, found, n)
     return n
 
 
-@kernel
-def _border(load, nodes, cutoff, found, least, n):
+@kernel(counted=False)
+def _border(load, nodes, cutoff, contact, found, least, n):
     """Write contacts with the border of the workspace; return the new number of contacts."""
-    contact = np.zeros(N_FIELDS)
-    contact[OTHER], contact[OWNER] = -1, load.n_owners
+    contact[TAU], contact[OTHER], contact[OWNER] = 0.0, -1, load.n_owners
     for s in range(1, nodes.shape[0] - 1):
         for i in range(nodes.shape[1]):
-            if load.thickness[i] < 0.0:
+            if load.around.thickness[i] < 0.0:
                 continue
             for axis in range(3):
                 for side in (1.0, -1.0):
                     border = load.around.lower[axis] if side > 0.0 else load.around.upper[axis]
-                    distance = side * (nodes[s, i, axis] - border) - load.thickness[i]
+                    distance = side * (nodes[s, i, axis] - border) - load.around.thickness[i]
                     least[load.n_owners] = min(least[load.n_owners], distance)
                     if distance >= cutoff or s % COARSE != 0 or found.shape[0] == 0:
                         continue
@@ -441,11 +302,10 @@ def _border(load, nodes, cutoff, found, least, n):
     return n
 
 
-@kernel
-def _apart(load, nodes, cutoff, found, least, n):
+@kernel(counted=False)
+def _apart(load, nodes, cutoff, contact, found, least, n):
     """Write contacts of hands that must stay apart; return the new number of contacts."""
-    contact = np.zeros(N_FIELDS)
-    contact[OWNER] = load.n_owners + 1
+    contact[TAU], contact[OWNER] = 0.0, load.n_owners + 1
     around = load.around
     for k in range(around.separations.shape[0]):
         i, j = around.pairs[k, 0], around.pairs[k, 1]

@@ -231,7 +231,7 @@ class ConvexProgramme:
         self.free, self.leaning = coordinates.free, Leaning.of(coordinates, boundary)
         self.fine, self.coarse = (grid(basis, boundary, n, free=self.free) for n in (n_fine, n_coarse))
         self.fine_rate = grid(basis, boundary, n_fine, order=1, free=self.free)
-        self.offsets = scene.displacements_along(n_fine).offsets
+        self.moved = scene.displacements_along(n_fine)
         self.limits = limits or Limits.of(scene, scene.duration)
         self.normed = [
             (
@@ -282,14 +282,11 @@ class ConvexProgramme:
         """Find contacts nearer than `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         least = np.empty(self.load.n_owners + 2)
-        offsets = self.offsets
+        moved = self.moved
         if self.scene.rests:
-            receded = recessions(self.scene, nodes, float(need[0]) - self.scene.clearance)[
-                :, self.scene.owners
-            ]
-            offsets = receded + (offsets if len(offsets) else 0.0)
-            offsets.setflags(write=False)
-        n = find_contacts(self.load, nodes, offsets, cutoff, self._found, least)
+            receded = recessions(self.scene, nodes, float(need[0]) - self.scene.clearance)
+            moved = moved.shifted(receded[:, self.scene.owners])
+        n = find_contacts(self.load, nodes, moved, cutoff, self._found, least)
         if n == len(self._found):  # the array may have been too small: once more with a larger one
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)

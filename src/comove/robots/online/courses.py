@@ -1,16 +1,16 @@
 """Courses through a roadmap among things that move: which way, and when, as far ahead as one dares to foresee.
 
-Time goes by in slots. What moves is foreseen to go on as it does now. For every sample of the roadmap and every slot
-it is computed what comes how near (`dangers`); then the least cost of a course from every node at every slot follows
-backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at the goal costs 1, one near to
-something more, and one in which something is met so much that it is avoided where it can be; where it cannot, a graze
-costs less than a hit, which the control of each step may yet turn into a miss. What is left to go at
-the end of the time that is foreseen counts as if nothing moved any more.
+Time goes by in slots. Moving obstacles are predicted to go on, and turn on, as they do now. For every sample of the
+roadmap and every slot it is computed what comes how near (`dangers`); then the least cost of a course from every node
+at every slot follows backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at the goal
+costs 1, one near to something more, and one in which something is met so much that it is avoided where it can be;
+where it cannot, a graze costs less than a hit, which the control of each step may yet turn into a miss. What is left
+to go at the end of the time that is foreseen counts as if nothing moved any more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil, sqrt
 from typing import NamedTuple
 
@@ -21,32 +21,30 @@ from scipy.sparse.csgraph import dijkstra
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.control.safety.qp_workspace import Sighting
+from comove.control.safety.twists import exponential_at, turn_into
 from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
 from comove.model.blocks import place_one
 from comove.planning.configurations import Space
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
+from comove.robots.search.links import ROUGH, Links, near_enough, nearest_shares, place_links
 
 WAIT = -1
 
 
-@dataclass(frozen=True)
-class CourseSettings:
-    """Settings of the choice of a course.
+class SlotCosts(NamedTuple):
+    """Costs of a clearance in a slot, beside 1 for every slot.
+
+    They rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
+    there to `hitting` at `depth` below.
 
     Attributes
     ----------
-    n_slots : slots that are foreseen
-    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
-    met, near : clearances beyond the scene's, below which something counts as met, and as near [m]
+    met, near : clearances below which something counts as met, and as near; in settings beyond the scene's [m]
     depth : how far below `met` a graze is a hit [m]
-    hitting, meeting, nearness : cost of a slot in which something is hit, is met, and is almost met, beside 1 for
-        every slot
+    hitting, meeting, nearness : costs of a slot in which something is hit, is met, and is almost met
     """
 
-    n_slots: int = 80
-    thicker: float = 0.015
     met: float = 0.01
     near: float = 0.08
     depth: float = 0.04
@@ -55,19 +53,20 @@ class CourseSettings:
     nearness: float = 10.0
 
 
-class SlotCosts(NamedTuple):
-    """Costs of a clearance in a slot; fields as in `CourseSettings`, but clearances are absolute.
+@dataclass(frozen=True)
+class CourseSettings:
+    """Settings of the choice of a course.
 
-    Costs rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
-    there to `hitting` at `depth` below.
+    Attributes
+    ----------
+    n_slots : slots that are predicted
+    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
+    costs : costs of a slot
     """
 
-    met: float
-    near: float
-    depth: float
-    hitting: float
-    meeting: float
-    nearness: float
+    n_slots: int = 80
+    thicker: float = 0.015
+    costs: SlotCosts = field(default_factory=SlotCosts)
 
 
 class Places(NamedTuple):
@@ -164,6 +163,8 @@ def _clearance(
     away = sqrt((a - share * u) ** 2 + (b - share * v) ** 2 + (c - share * w) ** 2) - seen.margin[j]
     if away - table[j, REACH] > far or table[j, KIND] == SPHERE:
         return away - table[j, REACH]
+    if turns(seen, j):
+        p, q, x, y, z = _from_obstacle(seen, j, time, p), _from_obstacle(seen, j, time, q), 0.0, 0.0, 0.0
     if table[j, KIND] == CAPSULE:
         moved = x, y, z
         for k in range(3):
@@ -180,13 +181,22 @@ def _clearance(
 
 
 @kernel
-def _is_far(start: Array, end: Array, t: int, m: int, place: Array, far: float) -> bool:
-    """Return whether the ball about a body is farther than `far` [m] from a place; most are."""
-    off, half = 0.0, 0.0
-    for x in range(3):
-        off += (0.5 * (start[t, m, x] + end[t, m, x]) - place[x]) ** 2
-        half += (0.5 * (end[t, m, x] - start[t, m, x])) ** 2
-    return off > (sqrt(half) + far) ** 2
+def turns(seen: Sighting, j: int) -> bool:
+    """Return whether an obstacle turns, and not only moves."""
+    return bool(seen.spin[j, 0] != 0.0 or seen.spin[j, 1] != 0.0 or seen.spin[j, 2] != 0.0)
+
+
+@kernel
+def _from_obstacle(seen: Sighting, j: int, time: float, p: Array) -> Array:
+    """Return a point at a time [s] as an obstacle has it that is where it is now; array, shape (3,) [m]."""
+    turn, out, spin, center = np.empty((3, 3)), np.empty(3), seen.spin[j], seen.table[j, CENTER : CENTER + 3]
+    w, x, y, z = exponential_at(time * spin[0], time * spin[1], time * spin[2])
+    turn_into(w, x, y, z, turn)
+    for k in range(3):
+        out[k] = center[k]
+        for m in range(3):
+            out[k] += turn[m, k] * (p[m] - center[m] - time * seen.velocity[j, m])
+    return out
 
 
 @kernel
@@ -267,7 +277,7 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
 
     Parameters
     ----------
-    seen : obstacles that move, which are foreseen to go on at their velocities
+    seen : moving obstacles, which are predicted to go on at their velocities and to turn on at their spins
     times : array, shape (n_times,), evenly spaced from now on [s]
     """
     start, end, radius = bodies
@@ -294,7 +304,9 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
                     ball = here[j], step[j], first
                     _raise_by_ball(p, q, radius[m] + reach[j], ball, costs, out[first:last])
                     continue
-                if seen.table[j, KIND] == CAPSULE:  # nor are they near where they are too far off its axis
+                turning = turns(seen, j)
+                # Nor are they near where they are too far off its axis.
+                if seen.table[j, KIND] == CAPSULE and not turning:
                     axis, width = seen.table[j, ROTATION + 2 : ROTATION + 9 : 3], seen.table[j, SIZE]
                     _off_axis(axis, off, off)
                     _off_axis(axis, step[j], aside)
@@ -304,7 +316,8 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
                 for k in range(first, last):
                     if out[k] < costs.hitting:
                         h = _clearance(seen, j, p, q, times[k], far, ends) - radius[m]
-                        if h >= costs.near and was_near:  # distances of convex bodies are convex in time
+                        # Distances of convex bodies that do not turn are convex in time.
+                        if h >= costs.near and was_near and not turning:
                             break
                         was_near = h < costs.near
                         out[k] = max(out[k], _cost(h, costs))
@@ -323,7 +336,8 @@ def dangers_along(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts
                 here[x] = seen.table[j, CENTER + x] + times[t] * seen.velocity[j, x]
             for m in range(radius.shape[0]):
                 far = radius[m] + costs.near
-                if _is_far(start, end, t, m, here, far + seen.margin[j] + seen.table[j, REACH]):
+                reach = far + seen.margin[j] + seen.table[j, REACH]
+                if not near_enough(start[t, m], end[t, m], here, here, reach):
                     continue
                 h = _clearance(seen, j, start[t, m], end[t, m], times[t], far, ends) - radius[m]
                 cost[t] = max(cost[t], _cost(h, costs))
@@ -391,14 +405,8 @@ class Foresight:
 
     def __init__(self, space: Space, arms: Arms, clearance: float, settings: CourseSettings):
         self.space, self.arms, self.settings = space, arms, settings
-        self._costs = SlotCosts(
-            clearance + settings.met,
-            clearance + settings.near,
-            settings.depth,
-            settings.hitting,
-            settings.meeting,
-            settings.nearness,
-        )
+        costs = settings.costs
+        self._costs = costs._replace(met=clearance + costs.met, near=clearance + costs.near)
         self._which = fewer(arms.links, settings.thicker)
         self._known: tuple[Roadmap, Places] | None = None
 
@@ -455,7 +463,7 @@ class Foresight:
         n = len(net.nodes)
         graph = coo_array((weight, (net.target, net.source)), shape=(n, n)).tocsr()
         left = dijkstra(graph, indices=net.goal)
-        return np.minimum(left, how.meeting * how.n_slots)
+        return np.minimum(left, how.costs.meeting * how.n_slots)
 
 
 def _samples(net: Roadmap, choice: Integers) -> tuple[list[int], int]:

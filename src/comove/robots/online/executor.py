@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array
 from comove.control.clouds import Clouds
-from comove.control.loop import ControlLoop, ExecutionLog, Reference
+from comove.control.executor import ControlLoop, ExecutionLog
 from comove.control.observers import Functions, Observer
+from comove.control.replanning import Reference
 from comove.control.safety.cbf_qp import FilterSettings, JointState, SafetyFilter
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.dmp.arguments import require_positive

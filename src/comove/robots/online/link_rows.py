@@ -12,7 +12,6 @@ have to give way themselves, the next step sees what came nearer by that.
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -158,7 +157,8 @@ def link_rows(
             comes += length_of(sighting.spin[j]) * (sighting.table[j, REACH] + need + needs.near)
             gain, towards = against(rates.gain, comes, rates)
             near = min(needs.near, horizon(work.speed[i] + comes, gain, towards))
-            if not _may_be_near(sighting.table, j, a, b, need + near):
+            place = sighting.table[j, CENTER : CENTER + 3]
+            if not near_enough(a, b, place, place, need + near + sighting.table[j, REACH]):
                 continue
             h, share = near_on_edge(sighting.table, j, a, b, need + near)
             if h - need < near:
@@ -330,10 +330,10 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
         a, b, thick = start[i], end[i], links.radius[i]
         for j in range(around.obstacles.shape[0]):
             far = thick + needs.obstacle[j]
-            if (
-                _may_be_near(around.obstacles, j, a, b, far)
-                and near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far
-            ):
+            place = around.obstacles[j, CENTER : CENTER + 3]
+            if not near_enough(a, b, place, place, far + around.obstacles[j, REACH]):
+                continue
+            if near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far:
                 return False
     least = max(needs.other, needs.still)
     other, still = load_clearances(links, around, start, end, nodes, least)
@@ -365,21 +365,11 @@ def clearances_along(
         place_links(arms.chains, links, joints[t], start, end)
         for i in links.moving:
             for j in range(table.shape[0]):
-                if _may_be_near(table, j, start[i], end[i], obstacle[j] + links.radius[i]):
+                place, far = table[j, CENTER : CENTER + 3], obstacle[j] + links.radius[i] + table[j, REACH]
+                if near_enough(start[i], end[i], place, place, far):
                     h = near_on_edge(table, j, start[i], end[i], np.inf)[0] - links.radius[i]
                     obstacle[j] = min(obstacle[j], h)
         moving, standing = load_clearances(links, around, start, end, nodes[t], clearance)
         other, still = min(other, moving), min(still, standing)
         other = clearance_between(links, start, end, other)
     return obstacle, other, still
-
-
-@kernel
-def _may_be_near(table: Array, j: int, a: Array, b: Array, far: float) -> bool:
-    """Return whether the ball about a segment is within `far` [m] of the ball about obstacle j."""
-    away, half = 0.0, 0.0
-    for axis in range(3):
-        away += (0.5 * (a[axis] + b[axis]) - table[j, CENTER + axis]) ** 2
-        half += (0.5 * (b[axis] - a[axis])) ** 2
-    reach = sqrt(half) + far + table[j, REACH]
-    return away < reach * reach

@@ -17,7 +17,8 @@ from time import perf_counter
 import numpy as np
 
 from comove.arrays import Array
-from comove.control.loop import ControlLoop, Reference, Replanner
+from comove.control.executor import ControlLoop
+from comove.control.replanning import Reference, Replanner
 from comove.control.safety.qp_workspace import Sighting
 from comove.dmp.arguments import require_positive
 from comove.geometry.rotations import matrices
@@ -169,7 +170,7 @@ class Pilot(Replanner):
         self._planned(begin, joints)  # for its kernels alone
         for _ in range(self.settings.most_grown):
             found = self._course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
-            if found is None or found.cost < self.settings.courses.meeting:
+            if found is None or found.cost < self.settings.courses.costs.meeting:
                 break
 
     def update(self, run: ControlLoop) -> None:
@@ -225,7 +226,7 @@ class Pilot(Replanner):
         since = time - self._chosen
         if waited >= how.patience:
             return since >= how.patience
-        if cost.max() >= how.courses.meeting:
+        if cost.max() >= how.courses.costs.meeting:
             return since >= self._pause
         fine = self.reference is self._plan and not cost.any()
         ends = self.clock >= self.reference.duration and self.reference.left == 0.0
@@ -283,7 +284,7 @@ class Pilot(Replanner):
             if extended is None:
                 return found
             found = self.foresight.best(self.growth.roadmap, extended, seen, stop.after)
-            if found.cost < how.courses.meeting or self._n_grown >= how.most_grown:
+            if found.cost < how.courses.costs.meeting or self._n_grown >= how.most_grown:
                 break
             self._n_grown += 1
             self.growth.grow(how.roadmap.n_more)
@@ -302,7 +303,7 @@ class Pilot(Replanner):
         how, slots = self.settings, np.arange(len(way.joints))
         times = since + SLOT * slots.astype(np.float64)
         cost = self.foresight.cost_along(self.foresight.placed(way), slots, seen, times)
-        meets = int(np.argmax(cost >= how.courses.meeting))
+        meets = int(np.argmax(cost >= how.courses.costs.meeting))
         return way.configurations[np.unique(np.maximum(meets - np.array(how.aside), 0))]
 
     def _planned(self, configuration: Array, joints: Array) -> Way | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.model.blocks import place_one
 from comove.planning.clock import worked
-from comove.planning.configurations import Space, clearance_of, span
+from comove.planning.configurations import Space, clearance_in_time, span
 from comove.planning.planner import continuous
 from comove.planning.timing import drift, set_time, time_for_joints
 from comove.planning.trees import answers, copy_to, rrt_connect, shortened
@@ -111,13 +111,13 @@ def plan_with_arms(
     """
     space, n, timed = world.space, len(start[0]), world.timing is not None
     if timed:
-        arms = arms.among(space.around.obstacles)
+        arms = arms.among(space.around.obstacles.copy())
     nodes = [np.concatenate([*end, [t] * timed]) for end, t in ((start, 0.0), (goal, 1.0))]
     scratch, spare, at_ends = np.empty((space.blocks.node.shape[0], 3)), [], []
     for node in nodes:
-        set_time(world.timing, space.around.obstacles, node)
+        set_time(world.timing, arms.around.obstacles, node)
         spare.append(_links_at(space, arms, node, n) - arms.around.clearance)
-        at_ends.append(clearance_of(space, node, scratch, 0.0))
+        at_ends.append(clearance_in_time(space, world.timing, node, scratch, 0.0))
     kept = min(margin - lenient, 0.5 * min(spare) if min(spare) > 0.0 else min(spare) - ROUGH)
     arms = arms._replace(around=arms.around._replace(clearance=arms.around.clearance + kept))
     margin = min(required + margin, 0.5 * (required + min(at_ends)))

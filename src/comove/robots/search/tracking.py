@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_lsq_spline
 
 from comove.compiled import kernel
-from comove.model.motion import CoordinatedMotion
+from comove.model.motion import SAMPLE_RATE, CoordinatedMotion
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import SAMPLE_RATE, JointMotion
+from comove.robots.motion import JointMotion
 from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, follow_one, hand_rotation
 from comove.ties import first_largest

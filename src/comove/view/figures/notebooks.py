@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Iterable, Sequence
-from io import BytesIO
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -17,6 +15,7 @@ from comove.stored import joint_rows, limits_row, motion_rows
 from comove.verification.verify import VerifiedMotion
 from comove.view.figures.motion import draw_motion, draw_scene
 from comove.view.figures.results import arms_along
+from comove.view.figures.style import png_uri
 
 DPI = 60
 """Of pictures in notebooks [1/inch], which are as wide as the page."""
@@ -72,9 +71,6 @@ def _contents(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _page(title: str, reasons: Sequence[str], figure: Figure, rows: Iterable[Sequence[str]]) -> str:
-    picture = BytesIO()
-    figure.savefig(picture, format="png", dpi=DPI)
-    data = base64.b64encode(picture.getvalue()).decode("ascii")
     listed = "".join(f"<li>{html.escape(reason)}</li>" for reason in reasons)
     lines = "".join(
         f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
@@ -83,6 +79,6 @@ def _page(title: str, reasons: Sequence[str], figure: Figure, rows: Iterable[Seq
     )
     return (
         f"<div><b>{html.escape(title)}</b>{f'<ul>{listed}</ul>' if listed else ''}<br>"
-        f"<img alt='{html.escape(title, quote=True)}' src='data:image/png;base64,{data}' style='max-width:100%'>"
+        f"<img alt='{html.escape(title, quote=True)}' src='{png_uri(figure, DPI)}' style='max-width:100%'>"
         f"<table>{lines}</table></div>"
     )

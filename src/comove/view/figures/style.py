@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,13 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 110) -> None:
         layout.execute(figure)
         figure.set_layout_engine("none")
     FigureCanvasAgg(figure).print_png(path)
+
+
+def png_uri(figure: Figure, dpi: int) -> str:
+    """Return a figure as the source of an image in HTML."""
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi=dpi)
+    return f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}"
 
 
 def save_picture(figure: Figure, path: Path) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import shlex
 from collections.abc import Iterable, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from comove.results.sealed import AGAIN, read_json
 from comove.stored import ResultPart, Verification
 from comove.view.figures.motion import draw_motion
 from comove.view.figures.run import draw_run
+from comove.view.figures.style import png_uri
 from comove.view.workbench.playback import Playback, playback_of_verification, verification_of
 from comove.view.workbench.recorded import POLICY, page_of
 from comove.view.workbench.shelf import Shelf, parts_of
@@ -122,10 +121,8 @@ def _figure(found: Verification) -> str:
         figure = draw_run(found.record)
     else:
         return ""
-    caption, picture = "The scene and the payload at several times.", BytesIO()
-    figure.savefig(picture, format="png", dpi=DPI)
-    data = base64.b64encode(picture.getvalue()).decode("ascii")
-    return f'<p><img alt="{caption}" src="data:image/png;base64,{data}"><br>{caption}</p>'
+    caption = "The scene and the payload at several times."
+    return f'<p><img alt="{caption}" src="{png_uri(figure, DPI)}"><br>{caption}</p>'
 
 
 def _origin(summary: dict[str, Any]) -> list[tuple[str, str]]:

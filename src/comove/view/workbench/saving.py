@@ -10,7 +10,9 @@ from typing import Any
 from comove.errors import OptionError, ResultError
 from comove.io.files import whole_file
 from comove.model.files.keys import SceneFile
+from comove.model.files.upgrade import as_text, has_poses, written
 from comove.model.scene import Scene
+from comove.results.inputs import names_files
 from comove.view.workbench.edits import Contents
 from comove.view.workbench.teaching import Taught, csv_of
 
@@ -37,10 +39,12 @@ def target_in(folder: Path, name: object, suffix: str = "") -> Path:
 
 
 def scene_text(contents: Contents) -> str:
-    """Return the contents of a scene file as YAML, without what is understood."""
+    """Return a scene file as YAML, without what is understood; in version 2 where a payload has poses."""
     import yaml
 
     file = SceneFile.model_validate(contents)
+    if has_poses(file):
+        return as_text(written(file))
     plain: dict[str, Any] = {"version": file.version} | file.model_dump(mode="json", exclude_defaults=True)
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
 
@@ -63,7 +67,7 @@ def save_scene(contents: Contents, path: Path, source: Path, taught: Taught | No
     if taught is not None:
         contents = {**contents, "demonstration": None}
     scene = Scene.from_dict(contents, folder=source)
-    if _names_files(scene) and source.resolve() != path.parent.resolve():
+    if names_files(scene) and source.resolve() != path.parent.resolve():
         raise ResultError(
             "the scene names files beside it, which it would not find from here",
             file=path,
@@ -75,9 +79,3 @@ def save_scene(contents: Contents, path: Path, source: Path, taught: Taught | No
             contents = {**contents, "demonstration": {"file": recording.name}}
             both.enter_context(whole_file(recording, ResultError, replace=False)).write(csv_of(taught))
         both.enter_context(whole_file(path, ResultError, replace=False)).write(scene_text(contents).encode())
-
-
-def _names_files(scene: Scene) -> bool:
-    demonstration, robot = scene.file.demonstration, scene.file.robot
-    taught = demonstration is not None and (demonstration.file or demonstration.library)
-    return bool(scene.meshes or taught or (robot and "/" in robot))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from comove.dmp.demonstrations.cleaning import MAX_DIMS
 from comove.dmp.demonstrations.columns import Kind, is_derived, read_columns
-from comove.dmp.demonstrations.samples import MAX_ROWS, decoding, fault, require_bytes
+from comove.dmp.demonstrations.samples import MAX_ROWS, SHOWN, decoding, fault, require_bytes
 from comove.errors import DemonstrationError, listed, near_name
 from comove.io.files import extra
 
@@ -30,8 +30,6 @@ _BROKEN = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError, 
 """What h5py makes of damaged bytes."""
 LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
 _DEEPEST, _MOST_NODES, _MOST_LINKS = 8, 5000, 10
-_LISTED = 12
-"""Datasets that a message names."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +71,10 @@ class HDF5File:
             return self.fault(key, message, f"{LAYOUTS}: here are no numbers with a row an instant")
         best = min(wide, key=_unlikely)
         if _is_no_position(best):
-            held = listed([str(one) for one in wide], _LISTED)
+            held = listed([str(one) for one in wide], SHOWN)
             return self.fault(key, message, f"record positions as well: here are {held}")
         chosen = best.key if len(best.shape) > 1 else best.key.rpartition("/")[0] or best.key
-        way_out = f"name a dataset, of {listed([str(one) for one in wide], _LISTED)}"
+        way_out = f"name a dataset, of {listed([str(one) for one in wide], SHOWN)}"
         return self.fault(key, message, way_out, dataset=chosen)
 
     def node(self, key: str, n_links: int = 0) -> Any:
@@ -201,7 +199,7 @@ class HDF5File:
         if dataset.dtype.kind not in "iuf":
             kind = "text" if h5py.check_string_dtype(dataset.dtype) else str(dataset.dtype)
             if dataset.dtype.names:
-                kind = f"records of {listed(dataset.dtype.names, _LISTED)}"
+                kind = f"records of {listed(dataset.dtype.names, SHOWN)}"
             raise self.other(key, f"it holds {kind}, not numbers")
         held = dataset.shape
         fits = held is not None and len(held) == len(shape)

@@ -57,6 +57,7 @@ from comove.dmp.demonstrations.samples import (
     HZ,
     SAY_RATE,
     SAY_UNIT,
+    SHOWN,
     TIME,
     WHICH_UNIT,
     Format,
@@ -70,8 +71,6 @@ from comove.io.files import existing_file, telling
 
 MAX_BYTES = 512 * 2**20
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "blank": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
-_SHOWN = 12
-"""Columns that a message lists."""
 
 
 def read(
@@ -336,7 +335,7 @@ class _Table:
         bare = bare_name(time)
         found = columns_named(time, self.columns) or columns_named(bare, self.columns)
         if not found:
-            names = [column.name for column in self.columns if column.name][:_SHOWN]
+            names = [column.name for column in self.columns if column.name][:SHOWN]
             raise fault(self.request.path, "time", f"there is no column {bare!r}", near_name(bare, names))
         if len(found) > 1:
             raise ambiguous(self.request.path, "time", bare, found)
@@ -485,12 +484,12 @@ class _Table:
         """Return the names of columns, each with the range of its numbers in many rows."""
         rows = tried(self.layout)
         said = []
-        for column in columns[:_SHOWN]:
+        for column in columns[:SHOWN]:
             values = numbers_of([row[column.number] for row in rows])
             values = values[np.isfinite(values)]
             least, most = (values.min(), values.max()) if values.size else (np.nan, np.nan)
             said.append(f"{column.name or column.number + 1} ({least:.3g} to {most:.3g})")
-        return listed(said + [column.name for column in columns[_SHOWN:]], _SHOWN)
+        return listed(said + [column.name for column in columns[SHOWN:]], SHOWN)
 
     def _coordinates(self, columns: Sequence[Column], is_timed: bool) -> list[Column]:
         """Return columns without names: none that counts nothing in front of the others, and none of speeds."""
@@ -498,7 +497,7 @@ class _Table:
         stamps = numbers_of([row[0] for row in rows]) if is_timed else np.zeros(0)
         seen: list[Array] = []
         kept: list[Column] = []
-        for column in columns[:_SHOWN]:
+        for column in columns[:SHOWN]:
             values = numbers_of([row[column.number] for row in rows])
             are_same_count = layout.sampled(column.number)[0].isdigit() and np.ptp(values) == 0.0
             are_speeds = any(are_rates_of(values, others, stamps) for others in seen)
@@ -520,10 +519,10 @@ class _Table:
         return all(self.layout.is_number(cell) or is_missing(cell) for cell in self.layout.sampled(number))
 
     def _shown(self, columns: Sequence[Column]) -> str:
-        return listed([column.name or str(column.number + 1) for column in columns], _SHOWN)
+        return listed([column.name or str(column.number + 1) for column in columns], SHOWN)
 
     def _repeated(self, name: str, body: Body) -> DemonstrationError:
-        choices = listed([f"{column.name} (column {column.number + 1})" for column in body.moving], _SHOWN)
+        choices = listed([f"{column.name} (column {column.number + 1})" for column in body.moving], SHOWN)
         by_axis: dict[str, Column] = {}
         for column in reversed(body.moving):
             by_axis[column.axis] = column

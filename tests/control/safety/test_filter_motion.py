@@ -1,4 +1,4 @@
-"""The twist programme step by step: nothing is touched that can be avoided, and no limit is exceeded.
+"""The safety filter step by step: nothing is touched that can be avoided, and no limit is exceeded.
 
 Clearances are those of plain NumPy along the whole load, from the scene's file.
 """

@@ -1,0 +1,111 @@
+"""Parts as seen from obstacles that move and turn: carried back into the obstacle's resting frame.
+
+A part is as far from a displaced obstacle as the part, carried back by the displacement, is from the resting one. An
+*instant* is a tuple of two samples of the displacements and a share of the time between them.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+from comove.compiled import kernel
+from comove.geometry.distances import REACH
+
+RESTING = (0, 0, 0.0)
+"""The instant of obstacles that do not move."""
+
+
+@kernel(counted=False)
+def instant_at(moved, t):
+    """Return the instant of a normalised time, from 0 at the first sample to 1 at the last."""
+    n = moved.offsets.shape[0]
+    if n < 2:
+        return 0, 0, 0.0
+    at = min(max(t, 0.0), 1.0) * (n - 1)
+    first = min(int(at), n - 2)
+    return first, first + 1, at - first
+
+
+@kernel(counted=False)
+def carried_back(moved, row, instant, x, y, z):
+    """Return a point [m] as seen from an obstacle at an instant, in the frame in which the obstacle rests."""
+    if moved.offsets.shape[0] == 0:
+        return x, y, z
+    first, last, share = instant
+    x -= (1.0 - share) * moved.offsets[first, row, 0] + share * moved.offsets[last, row, 0]
+    y -= (1.0 - share) * moved.offsets[first, row, 1] + share * moved.offsets[last, row, 1]
+    z -= (1.0 - share) * moved.offsets[first, row, 2] + share * moved.offsets[last, row, 2]
+    angle = _angle(moved, row, instant)
+    if angle == 0.0:
+        return x, y, z
+    a, b, c = moved.centers[row, 0], moved.centers[row, 1], moved.centers[row, 2]
+    u, v, w = _turned(moved.axes[row], -angle, x - a, y - b, z - c)
+    return a + u, b + v, c + w
+
+
+@kernel(counted=False)
+def carried_forward(moved, row, instant, point):
+    """Carry a point [m], array of shape (3,), from the frame in which an obstacle rests to the world, in place."""
+    if moved.offsets.shape[0] == 0:
+        return
+    first, last, share = instant
+    center = moved.centers[row]
+    for k in range(3):
+        point[k] -= center[k]
+    turned_forward(moved, row, instant, point)
+    for k in range(3):
+        point[k] += center[k]
+        point[k] += (1.0 - share) * moved.offsets[first, row, k] + share * moved.offsets[last, row, k]
+
+
+@kernel(counted=False)
+def turned_forward(moved, row, instant, direction):
+    """Turn a direction, array of shape (3,), from the frame in which an obstacle rests to the world, in place."""
+    angle = _angle(moved, row, instant) if moved.offsets.shape[0] > 0 else 0.0
+    if angle != 0.0:
+        x, y, z = _turned(moved.axes[row], angle, direction[0], direction[1], direction[2])
+        direction[0], direction[1], direction[2] = x, y, z
+
+
+@kernel(counted=False)
+def moves(moved, row):
+    """Return whether an obstacle ever moves or turns."""
+    for s in range(moved.offsets.shape[0]):
+        if moved.angles[s, row] != 0.0:
+            return True
+        for k in range(3):
+            if moved.offsets[s, row, k] != 0.0:
+                return True
+    return False
+
+
+@kernel(counted=False)
+def farthest_moved(moved, obstacles, first, last):
+    """Return an upper bound of the displacement [m] of any point of any obstacle between two samples."""
+    farthest = 0.0
+    for row in range(obstacles.shape[0] if moved.offsets.shape[0] > 0 else 0):
+        square = 0.0
+        for k in range(3):
+            square += (moved.offsets[last, row, k] - moved.offsets[first, row, k]) ** 2
+        turned = abs(moved.angles[last, row] - moved.angles[first, row])
+        farthest = max(farthest, sqrt(square) + turned * obstacles[row, REACH])
+    return farthest
+
+
+@kernel(counted=False)
+def _angle(moved, row, instant):
+    first, last, share = instant
+    return (1.0 - share) * moved.angles[first, row] + share * moved.angles[last, row]
+
+
+@kernel(counted=False)
+def _turned(axis, angle, x, y, z):
+    """Return a vector rotated about a unit vector (Rodrigues)."""
+    a, b, c = axis[0], axis[1], axis[2]
+    cosine, sine = cos(angle), sin(angle)
+    along = (1.0 - cosine) * (a * x + b * y + c * z)
+    return (
+        cosine * x + sine * (b * z - c * y) + along * a,
+        cosine * y + sine * (c * x - a * z) + along * b,
+        cosine * z + sine * (a * y - b * x) + along * c,
+    )

@@ -1,0 +1,144 @@
+"""A payload with its end effectors, and all that they must not touch, as kernels take them.
+
+*Parts* of the payload and the end effectors are rods, then solids; *things* are convex obstacles, then meshes. Both
+are numbered. A part is placed by its *corners*, which are keypoints of the payload.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.compiled import kernel
+from comove.geometry.solids import count_solids, solids_or_none
+from comove.geometry.surfaces import Surfaces, surfaces_or_none
+from comove.model.scene import Scene
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Surroundings(NamedTuple):
+    """A payload with its end effectors, and all that they must not touch.
+
+    Attributes
+    ----------
+    edges, radii : arrays, shapes (n_rods, 2) and (n_rods,), corners and radii [m] of rods
+    solids : array of int, shape (n_solids, n), corners of solids; None where there are none
+    thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
+        solid alone; -1 for nodes of neither
+    obstacles : array, shape (n_rows, n_columns), table of obstacles at 0 s
+    owners : array of int, shape (n_rows,), obstacle to which each row of the table belongs
+    convex : array of int, rows that are obstacles themselves; the other rows belong to meshes and guide the sampling
+    surfaces : meshes; None where there is none
+    lower, upper : arrays, shape (3,), corners of the workspace [m]
+    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
+    """
+
+    edges: Integers
+    radii: Array
+    solids: Integers | None
+    thickness: Array
+    obstacles: Array
+    owners: Integers
+    convex: Integers
+    surfaces: Surfaces | None
+    lower: Array
+    upper: Array
+    pairs: Integers
+    separations: Array
+
+    @property
+    def n_things(self) -> int:
+        """Return the number of things."""
+        return len(self.convex) + (0 if self.surfaces is None else len(self.surfaces.root))
+
+
+def surroundings_of(scene: Scene) -> Surroundings:
+    """Return the payload and the end effectors of a scene, and all that they must not touch."""
+    body, thickness = scene.body, np.full(scene.body.n_nodes, -1.0)
+    np.maximum.at(thickness, body.edges, np.asarray(body.radii)[:, None])
+    np.maximum.at(thickness, body.solids, 0.0)
+    return Surroundings(
+        body.edges,
+        body.radii,
+        solids_or_none(body.solids),
+        thickness,
+        scene.obstacles,
+        np.asarray(scene.owners),
+        np.flatnonzero(scene.convex_rows),
+        surfaces_or_none(scene.surfaces),
+        *scene.workspace,
+        *scene.kept_apart,
+    )
+
+
+@kernel(counted=False)
+def count_parts(around):
+    """Return the number of parts."""
+    return around.edges.shape[0] + count_solids(around.solids)
+
+
+@kernel(counted=False)
+def count_corners(around, part):
+    """Return the number of corners of a part."""
+    return 2 if part < around.edges.shape[0] else most_corners(around.solids)
+
+
+@kernel(counted=False)
+def corner_of(around, part, i):
+    """Return the node at a corner of a part: a rod, or a solid, which are numbered next."""
+    n_rods = around.edges.shape[0]
+    return around.edges[part, i] if part < n_rods else _corner_of_solid(around.solids, part - n_rods, i)
+
+
+@kernel(counted=False)
+def _corner_of_solid(solids, solid, i):
+    if solids is None:
+        return -1
+    return solids[solid, i]
+
+
+@kernel(counted=False)
+def most_corners(solids):
+    """Return the largest number of corners of a part."""
+    if solids is None:
+        return 2
+    return solids.shape[1]
+
+
+@kernel(counted=False)
+def radius_of(around, part):
+    """Return the radius [m] of a part, 0 for a solid."""
+    return around.radii[part] if part < around.edges.shape[0] else 0.0
+
+
+@kernel(counted=False)
+def whose(around, thing):
+    """Return a thing's row in the table of obstacles, and the obstacle that it belongs to."""
+    n_rows = around.convex.shape[0]
+    if thing < n_rows:
+        return around.convex[thing], around.owners[around.convex[thing]]
+    return _whose_mesh(around.surfaces, thing - n_rows)
+
+
+@kernel(counted=False)
+def _whose_mesh(surfaces, mesh):
+    if surfaces is None:
+        return -1, -1
+    return surfaces.row[mesh], surfaces.owner[mesh]
+
+
+@kernel(counted=False)
+def from_border(around, nodes):
+    """Return the distance [m] of all parts from the border of the workspace; `nodes` has the shape (n_nodes, 3)."""
+    d = np.inf
+    for i in range(nodes.shape[0]):
+        if around.thickness[i] < 0.0:
+            continue
+        for axis in range(3):
+            beside = min(nodes[i, axis] - around.lower[axis], around.upper[axis] - nodes[i, axis])
+            d = min(d, beside - around.thickness[i])
+    return d

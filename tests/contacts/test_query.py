@@ -1,0 +1,147 @@
+"""The query agrees with obstacles that are placed first, and its normals are those of the distance.
+
+The scene places tables and corners forward and has kernels of its own; the query carries the body back.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from comove.contacts.displaced import carried_back, carried_forward, turned_forward
+from comove.contacts.query import (
+    Query,
+    ball_of,
+    least_distance,
+    nearest_point,
+    normal_at,
+    part_apart,
+    separating,
+)
+from comove.contacts.surroundings import corner_of, count_corners, count_parts, surroundings_of, whose
+from comove.errors import SceneError
+from comove.model import Scene
+from comove.model.coordinates import coordinates_for
+from comove.model.displacements import Displacements
+from tests.cases import examples
+from tests.meshes import l_profile, write_stl
+from tests.verification.random_boxes import box_near_contact
+from tests.verification.random_motions import near_contact, random_turn, scene_data
+
+seeds = st.integers(0, 2**32 - 1)
+FAR = 1.0  # m
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("meshes")
+    write_stl(made / "l.stl", *l_profile())
+    return made
+
+
+def drawn(rng, folder):
+    """A random motion past obstacles that move and turn: rods, boxes; convex obstacles, a mesh."""
+    while True:
+        kind = rng.integers(3)
+        motion = near_contact(rng, moving=0.7) if kind == 0 else box_near_contact(rng)
+        if kind == 0:
+            return motion
+        data = scene_data(motion.scene)
+        data["obstacles"] = [o | {"motion": random_turn(rng, 3)} for o in data["obstacles"]]
+        if kind == 2:
+            center = rng.uniform(-0.5, 0.5, 3) + motion.scene.start.mean(axis=0)
+            mesh = {"shape": "mesh", "file": "l.stl", "center": center.tolist()}
+            data["obstacles"].append(mesh | {"motion": random_turn(rng, 3)})
+        try:
+            scene = Scene.from_dict(data, folder=folder)
+            return replace(motion, scene=scene, coordinates=coordinates_for(scene, motion.coordinates.kind))
+        except SceneError:  # an end is in contact
+            continue
+
+
+def states(motion, n):
+    """Surroundings, displacements, nodes and times of even samples."""
+    s = np.linspace(0.0, 1.0, n)
+    nodes = motion.coordinates.motion(motion.at(s))[0]
+    times = s * motion.scene.duration
+    return surroundings_of(motion.scene), motion.scene.displacements(times), nodes, times
+
+
+def asked(around, scene, tolerance=1e-8):
+    """A query of everything."""
+    normals = separating(len(scene.body.solids), around.n_things)
+    least = np.full(len(around.obstacles), FAR)
+    return Query(np.arange(around.n_things), normals, least, tolerance, 0.0)
+
+
+@examples(36)
+@given(seed=seeds)
+def test_distances_are_those_of_obstacles_placed_first(folder, seed):
+    rng = np.random.default_rng(seed)
+    motion = drawn(rng, folder)
+    scene, (around, moved, nodes, times) = motion.scene, states(motion, 6)
+    for k in range(len(times)):
+        query, instant = asked(around, scene), (k, k, 0.0)
+        found = least_distance(around, moved, instant, nodes[k], query, FAR, -np.inf)
+        each = [scene.nearest_at(nodes[k], times[k], among=[i])[0] for i in range(len(scene.motions))]
+        for distance, told in zip(query.least, each, strict=False):
+            assert (distance <= 0.0) == (told <= 0.0) or abs(told) < 1e-6
+        told = min(each)
+        if told > 0.0:
+            assert found == pytest.approx(min(told, FAR), abs=1e-6)
+        else:
+            assert found <= 1e-9
+        query = query._replace(least=np.empty(0))
+        capped = least_distance(around, moved, instant, nodes[k], query, FAR, 0.5 * FAR)
+        assert (capped <= 0.5 * FAR) == (found <= 0.5 * FAR)
+
+
+@examples(20)
+@given(seed=seeds, share=st.floats(0.0, 1.0))
+def test_between_samples_offsets_and_angles_change_linearly(folder, seed, share):
+    motion = drawn(np.random.default_rng(seed), folder)
+    around, moved, nodes, _ = states(motion, 6)
+    now = Displacements.of(
+        *((1 - share) * moved.offsets[[2]] + share * moved.offsets[[3]], moved.centers),
+        (1 - share) * moved.angles[[2]] + share * moved.angles[[3]],
+        moved.axes,
+    )
+    found = least_distance(around, moved, (2, 3, share), nodes[2], asked(around, motion.scene), FAR, -np.inf)
+    placed = least_distance(around, now, (0, 0, 0.0), nodes[2], asked(around, motion.scene), FAR, -np.inf)
+    assert found == pytest.approx(placed, abs=1e-9)
+
+
+@examples(40)
+@given(seed=seeds)
+def test_a_part_comes_nearer_by_as_much_as_it_is_moved_against_the_normal(folder, seed):
+    """From everything that is clear of it; and bounding balls never say that it is farther away than it is."""
+    rng = np.random.default_rng(seed)
+    motion = drawn(rng, folder)
+    around, moved, nodes, _ = states(motion, 6)
+    instant, near, normal = (2, 3, 0.3), np.empty(3), np.array([1.0, 0.0, 0.0])
+    for part in range(count_parts(around)):
+        own = [corner_of(around, part, i) for i in range(count_corners(around, part))]
+        for thing in range(around.n_things):
+            row, _ = whose(around, thing)
+
+            def seen(x, row=row, own=own):
+                return np.array([carried_back(moved, row, instant, *x[i]) for i in own])
+
+            def distance(x, part=part, thing=thing, row=row):
+                return nearest_point(around, part, thing, row, seen(x), FAR, 1e-10, near, normal)
+
+            d = distance(nodes[2])
+            assert (
+                part_apart(around, moved, instant, nodes[2], part, thing, row, np.inf) <= d + 1e-9 or d == FAR
+            )
+            if not 1e-3 < d < FAR:
+                continue
+            normal_at(around, part, thing, row, near, normal)
+            carried_forward(moved, row, instant, near)
+            turned_forward(moved, row, instant, normal)
+            x, y, z, reach = ball_of(around, nodes[2], part)
+            assert np.linalg.norm(near - [x, y, z]) <= reach + 1e-9
+            step = 0.5 * d * normal
+            assert distance(nodes[2] - step) == pytest.approx(0.5 * d, abs=1e-5)
