@@ -95,7 +95,7 @@ def test_what_is_stored_is_verified_played_and_exported_in_time(solved):
     assert played.exit_code == 0, played.output
     refused = invoke("export", out, "--approach")
     assert refused.exit_code == 2
-    assert "leave approach out" in refused.output + refused.stderr
+    assert "leave out approach" in refused.output + refused.stderr
     exported = invoke("export", out)
     assert exported.exit_code == 0
     assert "begin the motion at the instant" in exported.stderr

@@ -35,9 +35,7 @@ from comove.processes import one_blas_thread
 from comove.verification.record import Record
 from comove.verification.verify import VerifiedMotion
 
-CATCH_UP = 0.1  # s, time constant of the return to a plan
 SPARE = 5e-4  # m on top of the scene's clearance, as an execution is verified between its steps as well
-AT_GOAL, AT_REST = 5e-4, 5e-4  # m and m/s, at which an execution ends
 
 
 @dataclass(frozen=True)
@@ -107,32 +105,19 @@ class ControlLoop:
     scene : the scene to be executed
     observer : observer of its obstacles
     period : control period [s]
-    catch_up : time constant of the return to the reference [s]
-    at_goal, at_rest : distance and speed of the end effectors at which an execution ends [m, m/s]
 
     Attributes
     ----------
-    time : present time [s]
-    poses : present poses of the rigid groups
-    twists : array, shape (n_groups, 6), twists of the last step [m/s, rad/s]
-    log : log of the execution
+    catch_up : time constant of the return to the reference [s]
+    at_goal, at_rest : distance and speed of the end effectors at which an execution ends [m, m/s]
     """
 
     replanner: Replanner
     filter: SafetyFilter
+    catch_up, at_goal, at_rest = 0.1, 5e-4, 5e-4
 
-    def __init__(
-        self,
-        scene: Scene,
-        observer: Observer,
-        period: float,
-        *,
-        catch_up: float,
-        at_goal: float,
-        at_rest: float,
-    ):
-        self.scene, self.observer, self.period, self.catch_up = scene, observer, period, catch_up
-        self._at_goal, self._at_rest = at_goal, at_rest
+    def __init__(self, scene: Scene, observer: Observer, period: float):
+        self.scene, self.observer, self.period = scene, observer, period
         self.log, self.n_steps, self.goal = ExecutionLog(), 0, poses_of(scene, "goal")
         self._stop_at(poses_of(scene, "start"))
 
@@ -149,8 +134,8 @@ class ControlLoop:
     @property
     def arrived(self) -> bool:
         """Return whether the payload is at its goal, at rest."""
-        at_rest = np.linalg.norm(self._before, axis=1).max() <= self._at_rest
-        return bool(at_rest and self.distance_from(self.goal) <= self._at_goal)
+        at_rest = np.linalg.norm(self._before, axis=1).max() <= self.at_rest
+        return bool(at_rest and self.distance_from(self.goal) <= self.at_goal)
 
     @property
     def joints(self) -> Array:
@@ -265,14 +250,7 @@ class Executor(ControlLoop):
         movements, pace = movements_of(demonstration, scene), pace or Pace()
         if movements is not None:  # once, and not for the rest of it that every plan follows
             warn_of_adaptation(movements, scene)
-        super().__init__(
-            scene,
-            Known(scene) if observer is None else observer,
-            pace.period,
-            catch_up=CATCH_UP,
-            at_goal=AT_GOAL,
-            at_rest=AT_REST,
-        )
+        super().__init__(scene, Known(scene) if observer is None else observer, pace.period)
         self.filter = SafetyFilter(scene, pace.period, FilterSettings(spare=SPARE))
         self.replanner: PlanReplanner = PlanReplanner(movements, seed, pace)
         self._interruption = Interruption()
@@ -349,7 +327,7 @@ class Executor(ControlLoop):
         nodes = nodes_of(self.scene, goal)
         seen = self.observer.observe(self.time)
         still = np.zeros_like(seen.velocity)
-        there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
+        there = going_on(self.scene, seen._replace(velocity=still, spin=still), still, self.time)
         clearance, nearest = there.clearance_at(nodes)
         if clearance < self.scene.clearance:
             return f"{nearest} is where the load has to go"

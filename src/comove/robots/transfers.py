@@ -185,7 +185,8 @@ def require_no_transfers(scene: Scene, wanted: Mapping[str, bool]) -> None:
         raise OptionError(
             f"obstacles of '{scene.name}' move, and the scene says where they are during the carry only",
             key=name,
-            way_out=f"leave {name} out, and bring the arms to the start of the joint motion before time 0",
+            way_out="leave out approach and release (--approach, --release, --transfers), and bring the arms to the "
+            "first joints of the motion before 0 s",
         )
 
 

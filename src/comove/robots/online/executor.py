@@ -142,13 +142,9 @@ class JointExecutor(ControlLoop):
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
         self.arms, grasp = self.carrier.arms, self.carrier.grasp
         super().__init__(
-            scene,
-            Functions.of_motions(scene) if observer is None else observer,
-            settings.period,
-            catch_up=settings.catch_up,
-            at_goal=settings.at_goal,
-            at_rest=settings.at_rest,
+            scene, Functions.of_motions(scene) if observer is None else observer, settings.period
         )
+        self.catch_up, self.at_goal, self.at_rest = settings.catch_up, settings.at_goal, settings.at_rest
         self.log.planning.append(planned)
         self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
         self.rows = ArmRows(scene, self.arms, grasp, settings.period, settings.joints)
