@@ -4,18 +4,6 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 L_PROFILE = np.array([[0, 0], [0.3, 0], [0.3, 0.05], [0.05, 0.05], [0.05, 0.2], [0, 0.2]])
-T_PROFILE = np.array(
-    [
-        [-0.15, 0],
-        [0.15, 0],
-        [0.15, 0.04],
-        [0.02, 0.04],
-        [0.02, 0.25],
-        [-0.02, 0.25],
-        [-0.02, 0.04],
-        [-0.15, 0.04],
-    ]
-)
 
 
 def prism(profile, fan, height):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numba import config
 from numba.core import caching
+from numba.core.errors import TypingError
 
 from comove.compiled import cache, kernels
 from comove.compiled.cache import fingerprint
@@ -247,6 +248,32 @@ def test_a_large_kernel_is_called_by_its_symbol_and_a_small_one_is_not_called_at
 
     assert called(0) == [False, True]
     assert called(10**9) == [False, False]
+
+
+def test_kernels_that_count_no_references_leave_them_as_they_were_and_allocate_none():
+    @kernels.kernel(counted=False)
+    def total(arrays):
+        found = 0.0
+        for row in range(arrays[0].shape[0]):
+            one = arrays[0][row]
+            found += one[0] + arrays[1][row]
+        return found
+
+    @kernels.kernel
+    def twice(arrays):
+        return total(arrays) + total((arrays[0], arrays[1].copy()))
+
+    arrays = np.ones((4, 2)), np.ones(4)
+    before = [sys.getrefcount(array) for array in arrays]
+    assert twice(arrays) == 16.0
+    assert [sys.getrefcount(array) for array in arrays] == before
+
+    @kernels.kernel(counted=False)
+    def made(n):
+        return np.empty(n)[0]
+
+    with pytest.raises(TypingError):
+        made(3)
 
 
 def test_a_kernel_defined_in_a_function_is_compiled_as_well():

@@ -1,8 +1,10 @@
 """`comove scene` writes version 2 of a file, and the schema by which editors know its keys."""
 
 import json
+import re
 
 import pytest
+import yaml
 
 from comove.io.yaml_reader import read_yaml
 from comove.lab.examples import example_path
@@ -49,3 +51,29 @@ def test_the_schema_is_printed(tmp_path):
     assert {"payload", "grasps", "end_effectors"} <= set(schema["properties"])
     assert invoke("scene", "schema", "--out", tmp_path / "schema.json").exit_code == 0
     assert json.loads((tmp_path / "schema.json").read_text()) == schema
+
+
+def test_the_grasps_that_were_taken_are_told(tmp_path):
+    """Of those that a scene leaves open, by the names of the arms."""
+    data = {
+        "version": 2,
+        "name": "open",
+        "duration": 3.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "payload": {
+            "shape": "box",
+            "size": [0.2, 0.05],
+            "start": {"position": [0.3, 0.3]},
+            "goal": {"position": [0.7, 0.6], "free": "yaw"},
+        },
+        "grasps": {
+            "left": {"position": [-0.1, 0]},
+            "right": [{"position": [0.1, 0]}, {"position": [0.05, 0]}],
+        },
+    }
+    (tmp_path / "open.yaml").write_text(yaml.safe_dump(data))
+    found = invoke("solve", "open.yaml", "--out", "found", folder=tmp_path)
+    assert found.exit_code == 0, found.output
+    assert re.search(r"grasps taken +left at \[-0\.1, 0\.0\], right at \[0\.1, 0\.0\]", found.output)
+    again = invoke("verify", "open.yaml", "found", folder=tmp_path)  # the goal's turn is that of the result
+    assert again.exit_code == 0, again.output

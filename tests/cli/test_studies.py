@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,8 +16,9 @@ import yaml
 import comove
 from comove.data import Study, StudyStore
 from comove.data.episode import restored
-from comove.data.runs import RUNS, UNREPEATED
+from comove.data.runs import RUNS
 from tests.commands import invoke
+from tests.data.test_runner import rows
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "studies"
@@ -40,13 +40,6 @@ def study(folder, **changes):
     path = folder / "study.yaml"
     path.write_text(yaml.safe_dump(contents | {"episodes": 4} | changes))
     return path
-
-
-def rows(folder):
-    """All that a store says but for times, and the motions."""
-    store = StudyStore.open(folder / RUNS)
-    runs = [replace(run, **dict.fromkeys(UNREPEATED)) for run in store.runs()]
-    return runs, [motion for _, motion in store.motions()]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import coal
 import numpy as np
@@ -27,6 +28,7 @@ from tests.robots.known_carry import TABLE, known_carry, on_scene, posts, scene_
 from tests.robots.small_robots import EXAMPLES, gantry, gantry_scene, movement, robot, task
 
 EXAMPLES_DIR = Path(__file__).parents[2] / "examples" / "robots"
+NOWHERE = SimpleNamespace(clock=None)  # a space in which nothing is planned
 NAMES = ("gantry", "gap_30", "two_pandas", "ur5_and_panda")
 
 
@@ -99,7 +101,7 @@ def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others
     monkeypatch.setattr("comove.robots.carrying.plan_with_arms", hopeless)
     for seed in range(5):
         begun, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(seed)
-        begun.plan(None, [], [], 0.0, rng)
+        begun.plan(NOWHERE, [], [], 0.0, rng)
     pairs = product(*(map(np.concatenate, product(*arms)) for arms in (carrying.starts, carrying.goals)))
     start, goal = (carrying.scene.nodes_at(end) for end in ("start", "goal"))
     _, least = min(
@@ -111,7 +113,7 @@ def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others
     )
     assert drawn == pytest.approx([least] * 5, abs=2e-6)  # some are equally far
     for _ in range(20):
-        begun.plan(None, [], [], 0.0, rng)
+        begun.plan(NOWHERE, [], [], 0.0, rng)
     assert len(set(drawn)) > 3
 
 
@@ -127,7 +129,7 @@ def test_a_pair_of_ends_whose_plans_lead_to_nothing_gives_way_to_others(monkeypa
     for verified in (False, True):
         carrying, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(0)
         for _ in range(20):
-            carrying.plan(None, [], [], 0.0, rng)
+            carrying.plan(NOWHERE, [], [], 0.0, rng)
             if verified:
                 carrying.kept.append((None, 0.0, (None, None)))
     first = drawn[True][0]
@@ -227,7 +229,7 @@ def test_of_three_plans_one_lets_capsules_come_as_near_as_they_are_wider_and_one
     )
     carrying, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(0)
     for _ in range(6):
-        carrying.plan(None, [], [], 0.0, rng)
+        carrying.plan(NOWHERE, [], [], 0.0, rng)
     assert allowed == [0.0, 0.01, 0.02] * 2
 
 

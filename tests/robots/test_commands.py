@@ -8,8 +8,6 @@ from comove.robots import JointMotion, verify_joints
 from comove.robots.motion import commands
 from tests.robots.known_carry import baxter, known_carry
 
-EVERY = np.arange(14)
-
 
 @pytest.fixture(scope="module")
 def motion():

@@ -183,6 +183,11 @@ def solve(
     is_alone = solution.joints is None and solution.verified and loaded.file.robot is not None
     print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
     rows = [] if named is None else [("demonstration", f"{named} of {library}")]
+    if loaded.file.choices is not None:
+        from comove.model.files.upgrade import held_at
+
+        held = (f"{name} at {at}" for name, at in held_at(solution.scene.file).items())
+        rows += [("grasps taken", ", ".join(held))]
     if solution.joints is not None:
         print(joints_text(solution.joints.robot.name, vars(solution.joints.report)))
         rows += [("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}")]

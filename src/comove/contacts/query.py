@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back
 from comove.contacts.surroundings import corner_of, count_corners, count_parts, radius_of, whose
@@ -27,8 +28,6 @@ from comove.geometry.distances import (
 )
 from comove.geometry.solids import empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import near_on_surface, signed_distance
-
-Array = NDArray[np.float64]
 
 TOUCHING = 1e-9  # m, above which a distance does not count as a contact
 

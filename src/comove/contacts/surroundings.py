@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.solids import count_solids, solids_or_none
 from comove.geometry.surfaces import Surfaces, surfaces_or_none
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Surroundings(NamedTuple):

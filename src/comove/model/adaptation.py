@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import MAX_BASIS
 from comove.dmp.demonstrations.demonstration import Demonstration
 from comove.dmp.dmp import DMP
@@ -26,8 +26,6 @@ from comove.geometry.rotations import (
 )
 from comove.model.groups import RigidGroup
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:

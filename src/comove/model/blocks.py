@@ -6,13 +6,11 @@ from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.model.groups import GroupPose
-
-Array = NDArray[np.float64]
 
 POINT, ANGLE, DIRECTION, QUATERNION = range(4)
 
@@ -36,11 +34,11 @@ class Blocks(NamedTuple):
         pi for any
     """
 
-    kind: NDArray[np.int64]
-    center: NDArray[np.int64]
-    turn: NDArray[np.int64]
-    first: NDArray[np.int64]
-    node: NDArray[np.int64]
+    kind: Integers
+    center: Integers
+    turn: Integers
+    first: Integers
+    node: Integers
     point: Array
     n_dims: int
     mask: Array
@@ -79,8 +77,8 @@ class Block(NamedTuple):
     """
 
     kind: int
-    columns: slice | NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    columns: slice | Integers
+    nodes: Integers
     points: Array
 
 
@@ -89,7 +87,7 @@ def width_of(kind: int, n_dims: int) -> int:
     return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
 
 
-def columns_of(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArray[np.int64]:
+def columns_of(center: Integers, turn: int, width: int) -> slice | Integers:
     """Return the columns of one block, as a slice where they are contiguous."""
     columns = np.append(center, np.arange(turn, turn + width))
     neighbours = (np.diff(columns) == 1).all()

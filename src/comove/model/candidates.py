@@ -11,11 +11,9 @@ from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.geometry.rotations import quaternion_of_rotation, rotation_in_plane
-
-Array = NDArray[np.float64]
 
 OPENING = 0.08
 """Largest distance of two sides on which fingers close [m], as grippers of arms of this size have it."""
@@ -163,7 +161,7 @@ def on_mesh(triangles: Array, n_arms: int, up: Array, most: int) -> list[tuple[H
     return _ranked(_spread(singles, n_arms, most), up, most)
 
 
-def _hits(triangles: Array, points: Array, ways: Array) -> tuple[NDArray[np.int64], Array]:
+def _hits(triangles: Array, points: Array, ways: Array) -> tuple[Integers, Array]:
     """Return the first triangle that each ray meets, and how far away; infinite where it meets none.
 
     The method is that of Möller and Trumbore (1997).

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.basis import MotionBasis, rollouts
 from comove.dmp.dmp import DMP
@@ -15,8 +15,6 @@ from comove.model.adaptation import carried_to_hands
 from comove.model.coordinates import ANGLE, QUATERNION, Coordinates
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

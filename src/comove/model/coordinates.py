@@ -26,8 +26,9 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array, Integers
 from comove.dmp.arguments import numbers
 from comove.errors import OptionError
 from comove.geometry.rotations import (
@@ -56,8 +57,6 @@ from comove.model.blocks import (
 )
 from comove.model.groups import GroupPose, RigidGroup, orientation_of
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 UNDRIVEN = {
     "space": "projection in space serves loads held by two hands, and no relative poses",
@@ -416,7 +415,7 @@ def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
     return quaternion_product(turns[1:-1], rolls)
 
 
-def _placed(values: Array, at: NDArray[np.int64], n: int) -> Array:
+def _placed(values: Array, at: Integers, n: int) -> Array:
     """Return an array of shape (n,) with values at some places, and 0 elsewhere."""
     found = np.zeros(n)
     found[at] = values

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from comove.arrays import Array
 from comove.geometry.rotations import matrices
 from comove.model.files.keys import GraspOption
 from comove.model.grasp import turned_goal
@@ -15,14 +16,24 @@ from comove.model.resting import provable
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
 
-Array = NDArray[np.float64]
 
-STEP = np.deg2rad(5.0)
-"""Between the turns that are sampled [rad]; the best of them are refined."""
-APART = np.deg2rad(30.0)
-"""Between further turns, which are tried where the best does not lead to a motion [rad]."""
-MOST = 8
-"""Turns that are tried at most."""
+@dataclass(frozen=True)
+class TurnSettings:
+    """Settings of the turns of a free goal.
+
+    Attributes
+    ----------
+    step : between the turns that are sampled [rad]; the best of them are refined
+    apart : between further turns, which are tried where the best does not lead to a motion [rad]
+    most : turns that are tried at most
+    """
+
+    step: float = np.deg2rad(5.0)
+    apart: float = np.deg2rad(30.0)
+    most: int = 8
+
+
+SETTINGS = TurnSettings()
 
 
 class FreeGoal:
@@ -63,28 +74,32 @@ class FreeGoal:
         wrapped = angle - 2 * np.pi * np.round(angle / (2 * np.pi))
         return float((away**2).sum() + 1e-4 * wrapped**2)
 
-    def turns(self, cost: Callable[[float], float] | None = None, step: float = STEP) -> list[float]:
+    def turns(
+        self, cost: Callable[[float], float] | None = None, how: TurnSettings = SETTINGS
+    ) -> list[float]:
         """Return the turns that are clear, the likeliest first: refined local minima of a cost, then others [rad].
 
         Parameters
         ----------
         cost : of a turn, infinite where it is impossible; unless given, that of a straight motion
-        step : between the turns that are sampled [rad]
+        how : settings of the turns
         """
-        cost, n = cost or self.cost, round(2 * np.pi / step)
-        angles = step * (np.arange(n) - n // 2)
+        cost, n = cost or self.cost, round(2 * np.pi / how.step)
+        angles = how.step * (np.arange(n) - n // 2)
         angles = np.append(angles, 0.0) if not np.isclose(angles, 0.0).any() else angles
         values = np.array([cost(angle) if self.is_clear(angle) else np.inf for angle in angles.tolist()])
         found = list[tuple[float, float]]()
         for k in np.flatnonzero(np.isfinite(values)).tolist():
             if values[k] <= min(values[k - 1], values[(k + 1) % len(values)]):
-                found.append(self._refined(cost, angles[k], values[k], step))
+                found.append(self._refined(cost, angles[k], values[k], how.step))
         rest = sorted((value, angle) for value, angle in zip(values.tolist(), angles.tolist(), strict=True))
         kept = list[float]()
         for value, angle in [*sorted(found), *rest]:
-            if np.isfinite(value) and all(abs(np.angle(np.exp(1j * (angle - one)))) >= APART for one in kept):
+            if np.isfinite(value) and all(
+                abs(np.angle(np.exp(1j * (angle - one)))) >= how.apart for one in kept
+            ):
                 kept.append(angle)
-        return kept[:MOST]
+        return kept[: how.most]
 
     def _refined(
         self, cost: Callable[[float], float], angle: float, value: float, step: float

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation, rotation_in_plane
 from comove.model.files.keys import (
     BoxLoad,
@@ -39,8 +40,6 @@ from comove.model.files.keys import (
 )
 from comove.model.groups import RigidGroup
 from comove.model.shapes import inside_polygon, parts_of, spatial
-
-Array = NDArray[np.float64]
 
 SAME = 1e-9
 """By which a pose may differ from one that a free goal allows [m] or [rad]."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import (
     fit_angle,
     fit_direction,
@@ -17,8 +17,6 @@ from comove.geometry.rotations import (
     rotation_in_plane,
     similarity,
 )
-
-Array = NDArray[np.float64]
 
 Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 
@@ -42,7 +40,7 @@ class GroupPose:
 
 
 class Mask(NamedTuple):
-    """What a rigid body keeps of its pose, besides what its orientation says.
+    """Parts of its pose that a rigid body keeps, besides those that its orientation says.
 
     Attributes
     ----------
@@ -74,7 +72,7 @@ class RigidGroup:
     start, goal : poses at start and goal
     start_twist : array, shape (6,), velocity of the frame's centre [m per duration] and angular velocity [rad per
         duration] at the start, along the axes of the world; zero unless the movement continues another one
-    mask : what else of its pose is kept
+    mask : further parts of its pose that it keeps
     """
 
     members: tuple[int, ...]

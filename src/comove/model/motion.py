@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import comove
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.arguments import require_steps
 from comove.dmp.basis import MotionBasis, motion_basis
@@ -20,8 +21,6 @@ from comove.model.coordinates import (
 )
 from comove.model.scene import Scene
 from comove.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 SAMPLE_RATE = 100.0  # Hz, of sampled trajectories
 

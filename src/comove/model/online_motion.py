@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import numbers
 from comove.dmp.online import Curve, DMPState, advance, begin
 from comove.errors import OptionError
@@ -15,8 +16,6 @@ from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.model.coordinates import ANGLE, QUATERNION
 from comove.model.groups import orientation_of
 from comove.model.motion import CoordinatedMotion
-
-Array = NDArray[np.float64]
 
 GOAL_MISS = 1e-6  # m, largest violation of constraints by hands at a moved goal
 

@@ -15,21 +15,21 @@ pushes do not change it. All other pairs keep the full clearance.
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
+from comove.model.files.keys import SceneFile
+from comove.model.files.words import Words
+from comove.model.moving import ObstacleMotion
 from comove.model.rigid import ENDS
+from comove.model.shapes import MovingBody
 from comove.ties import first_largest, first_least
-
-if TYPE_CHECKING:
-    from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 SLOPE = 0.5  # by which the required distance grows per displacement: a body leaves at 30 degrees or more
 TOLERANCE = 1e-4  # m, of drawings, by which a body may be in its support, and its distance may shrink
@@ -40,6 +40,38 @@ REFINED, PROBE = (
     4,
     1e-4,
 )  # rounds in which a direction is improved, by differences of distances over this step [m]
+
+
+class Supported(Protocol):
+    """A scene as resting contacts see it: attributes and methods of `comove.model.scene.Scene`."""
+
+    @property
+    def file(self) -> SceneFile: ...
+    @property
+    def path(self) -> Path | None: ...
+    @property
+    def words(self) -> Words: ...
+    @property
+    def n_dims(self) -> int: ...
+    @property
+    def lower(self) -> Array: ...
+    @property
+    def upper(self) -> Array: ...
+    @property
+    def clearance(self) -> float: ...
+    @property
+    def body(self) -> MovingBody: ...
+    @property
+    def obstacles(self) -> Array: ...
+    @property
+    def first_rows(self) -> Integers: ...
+    @property
+    def motions(self) -> tuple[ObstacleMotion | None, ...]: ...
+    @property
+    def rests(self) -> tuple[Rest, ...]: ...
+    def nodes_at(self, end: str) -> Array: ...
+    def name_of(self, obstacle: int) -> str: ...
+    def distance_from(self, obstacle: int, nodes: Array, offset: Array | float = 0.0) -> float: ...
 
 
 class Rest(NamedTuple):
@@ -73,12 +105,12 @@ class Rest(NamedTuple):
         return np.asarray(np.linalg.norm(nodes - self.nodes, axis=-1).max(axis=-1))
 
 
-def provable(scene: Scene) -> float:
+def provable(scene: Supported) -> float:
     """Return what an end keeps at least beyond the clearance that is asked for [m]."""
     return PROVABLE_END * max(1.0, float((scene.upper - scene.lower).max()))
 
 
-def recessions(scene: Scene, nodes: Array, beyond: float = 0.0) -> Array:
+def recessions(scene: Supported, nodes: Array, beyond: float = 0.0) -> Array:
     """Return the displacements of receded obstacles; array, shape (..., n_obstacles, 3) [m].
 
     Parameters
@@ -95,7 +127,7 @@ def recessions(scene: Scene, nodes: Array, beyond: float = 0.0) -> Array:
     return moved
 
 
-def recession_sagittas(scene: Scene, nodes: Array, deviation: Array, moved: Array) -> Array:
+def recession_sagittas(scene: Supported, nodes: Array, deviation: Array, moved: Array) -> Array:
     """Bound how far receded obstacles are ahead of where they may be between knots; (n_knots - 1, n_obstacles) [m].
 
     Between two knots the recession changes by `SLOPE` times the largest displacement of a node at most, and is never
@@ -112,7 +144,7 @@ def recession_sagittas(scene: Scene, nodes: Array, deviation: Array, moved: Arra
     return np.asarray(np.minimum(np.maximum(size[1:], size[:-1]), SLOPE * travel[:, None]))
 
 
-def rests_of(scene: Scene) -> tuple[Rest, ...]:
+def rests_of(scene: Supported) -> tuple[Rest, ...]:
     """Find the resting contacts of a scene at both ends.
 
     Raises
@@ -151,7 +183,7 @@ def lift_direction(rests: list[Rest]) -> Array:
     return best
 
 
-def require_no_rest(scene: Scene) -> None:
+def require_no_rest(scene: Supported) -> None:
     """Refuse resting contacts for motions that are made step by step.
 
     Raises
@@ -176,7 +208,7 @@ def require_no_rest(scene: Scene) -> None:
         )
 
 
-def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
+def _rest(scene: Supported, end: str, obstacle: int, nodes: Array) -> Rest | None:
     """Return the contact of one end with a support, None where the support is clear of it."""
     distance = scene.distance_from(obstacle, nodes)
     if distance >= scene.clearance + provable(scene):
@@ -206,7 +238,7 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
     return Rest(end, obstacle, nodes, distance, normal)
 
 
-def _normal(scene: Scene, obstacle: int, nodes: Array, far: float) -> Array:
+def _normal(scene: Supported, obstacle: int, nodes: Array, far: float) -> Array:
     """Return the unit vector along which an obstacle recedes best; array, shape (3,).
 
     Of the axes of the world, the obstacle and the payload, the best is improved along the gradient of the distance,
@@ -245,7 +277,7 @@ def _normal(scene: Scene, obstacle: int, nodes: Array, far: float) -> Array:
     return np.asarray(best)
 
 
-def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
+def _require_way(scene: Supported, end: str, rests: list[Rest]) -> None:
     """Refuse supports that no direction leaves together, as the walls of a slot."""
     steepest = min(float(rest.normal @ lift_direction(rests)) for rest in rests)
     if steepest >= SLOPE + SPARE:
@@ -265,7 +297,7 @@ def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
     )
 
 
-def _told_apart(scene: Scene, rests: list[Rest]) -> tuple[Rest, ...]:
+def _told_apart(scene: Supported, rests: list[Rest]) -> tuple[Rest, ...]:
     """Return contacts of which those of one obstacle have one direction, or else are far from each other.
 
     Raises
@@ -292,7 +324,7 @@ def _told_apart(scene: Scene, rests: list[Rest]) -> tuple[Rest, ...]:
     return tuple(kept)
 
 
-def _written(scene: Scene, vector: Array) -> str:
+def _written(scene: Supported, vector: Array) -> str:
     """Return a vector as it is written in a scene file, rounded away from 0 in the sixth digit."""
     found = [float(f"{x:.6g}") for x in np.where(np.abs(vector) < 1e-9, 0.0, vector)[: scene.n_dims]]
     return f"[{', '.join(f'{x:g}' for x in found)}]"

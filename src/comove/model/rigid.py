@@ -8,9 +8,9 @@ from math import asin, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comove.arrays import Array
 from comove.errors import SceneError
 from comove.geometry.rotations import (
     UP,
@@ -50,8 +50,6 @@ from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
-
-Array = NDArray[np.float64]
 
 ENDS = ("start", "goal")
 POSED = 1e-4  # m, by which an end effector may miss its grasp on a payload whose poses are given

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
@@ -67,7 +68,6 @@ from comove.ties import first_largest
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
 
-Array = NDArray[np.float64]
 
 TURNS = tuple(np.deg2rad([0.0, *(sign * angle for angle in range(5, 181, 5) for sign in (1, -1))]).tolist())
 """Turns of a free goal that are tried in turn [rad]."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices, rotation_in_plane
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
 
     Meshes = dict[int | str, tuple[Mesh, MeshObstacle | MeshLoad]]
 
-Array = NDArray[np.float64]
-
 LOAD = "load"
 N_SIDES = 16
 """Sides of the prism around a cylinder, which reaches 2 % of the radius beyond it."""
@@ -66,14 +65,14 @@ class MovingBody:
         or (n_solids, n), nodes at the vertices of convex hulls, where the last node may be repeated
     """
 
-    edges: NDArray[np.int64]
+    edges: Integers
     radii: Array
     n_nodes: int
     filled: bool = False
-    solids: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, N_CORNERS), dtype=np.int64))
+    solids: Integers = field(default_factory=lambda: np.zeros((0, N_CORNERS), dtype=np.int64))
 
     @property
-    def border(self) -> NDArray[np.int64]:
+    def border(self) -> Integers:
         """Return the nodes at which its edges begin, without the hands, which are points; array, shape (n_edges,)."""
         first, second = self.edges.T
         return first[first != second]
@@ -123,7 +122,7 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None, words: Words =
     return meshes
 
 
-def placed(meshes: Meshes, owners: NDArray[np.int64]) -> list[Placed]:
+def placed(meshes: Meshes, owners: Integers) -> list[Placed]:
     """Return the meshes of obstacles at their positions at 0 s; `owners` are the obstacles of the table's rows."""
     return [
         Placed(
@@ -245,7 +244,7 @@ def box_corners(size: tuple[float, ...]) -> Array:
 
 def obstacle_table(
     file: SceneFile, decompositions: dict[int | str, ConvexDecomposition]
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Array, Integers]:
     """Return the table of obstacles, as `comove.geometry.distances` describes it, and the obstacle of each row."""
     rows: list[Array] = []
     for i, obstacle in enumerate(file.obstacles):

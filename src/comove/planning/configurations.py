@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.contacts.displaced import RESTING, instant_at
 from comove.contacts.query import Query, least_distance, separating
@@ -38,8 +39,6 @@ from comove.model.scene import Scene
 from comove.planning.clock import clock_until, worked
 from comove.planning.timing import drift, too_fast, write_time
 from comove.ties import first_largest
-
-Array = NDArray[np.float64]
 
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
 SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.contacts.displaced import farthest_moved
 from comove.contacts.query import Query, least_distance, near_things
@@ -33,8 +34,6 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.resting import recessions
 from comove.model.scene import Scene
 from comove.planning.objectives.criteria import PaperCost
-
-Array = NDArray[np.float64]
 
 N_STEPS = 201
 

@@ -1,7 +1,7 @@
 """Planners in the load's own configuration space: RRT-Connect, a forest for spatial scenes, and shortcuts.
 
-Every configuration on a path satisfies the rigid constraints by construction, and every edge is checked by
-conservative advancement.
+Every configuration on a path satisfies the rigid constraints by construction, and every edge keeps its margin all
+along (`comove.planning.configurations`).
 """
 
 from __future__ import annotations

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.planning.configurations import Space, clearance_in_time
 from comove.planning.planner import continuous, sample
 from comove.planning.timing import Timing, fastest_point
 from comove.planning.trees import rrt_connect, shortened
 from comove.planning.world import World
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError
 from comove.model.candidates import APART
 from comove.model.coordinates import load_coordinates
@@ -47,8 +48,6 @@ from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
-
-Array = NDArray[np.float64]
 
 SLOWEST = 0.3  # share of their limits of speed that joints may use in plans in time, at least
 

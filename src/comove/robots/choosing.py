@@ -7,15 +7,15 @@ there. Grasps and ends that ways share are solved once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import matrices
 from comove.model.files.keys import GraspOption, PayloadPose
-from comove.model.free_goals import FreeGoal
+from comove.model.free_goals import FreeGoal, TurnSettings
 from comove.model.grasp import turned_goal
 from comove.model.scene import Scene
 from comove.robots.ends import of_robot, solved_for
@@ -24,20 +24,30 @@ from comove.robots.search.chains import jacobian, place_arm, turned_towards
 from comove.robots.search.following import MET
 from comove.robots.search.ranges import may_reach
 
-Array = NDArray[np.float64]
 
-EXACT = 4
-"""Ways that are looked at with all bodies, unless fewer are clear at their ends: the best of them is taken first."""
-SINGULAR = 0.02
-"""Least singular value of a Jacobian [m/rad, with `LEVER`] at which a way counts one radian more."""
-LEVER = 0.2
-"""Length by which angular velocities are compared with velocities [m]."""
-STEP = np.deg2rad(15.0)
-"""Between the turns of a free goal for which joints are solved, before the best are refined [rad]."""
-N_SEEDS = 8
-"""Random joints from which a pose is solved where it has no closed form."""
-N_KEPT = 8
-"""Solutions of a pose that are compared."""
+@dataclass(frozen=True)
+class ReachSettings:
+    """Settings of how ways to hold and put down a payload are ranked.
+
+    Attributes
+    ----------
+    exact : ways that are looked at with all bodies, unless fewer are clear at their ends: the best is taken first
+    singular : least singular value of a Jacobian at which a way counts one radian more [m/rad, with `lever`]
+    lever : length by which angular velocities are compared with velocities [m]
+    turns : of goals that are free, before the best turns are refined
+    n_seeds : random joints from which a pose is solved where it has no closed form
+    n_kept : solutions of a pose that are compared
+    """
+
+    exact: int = 4
+    singular: float = 0.02
+    lever: float = 0.2
+    turns: TurnSettings = field(default_factory=lambda: TurnSettings(step=np.deg2rad(15.0)))
+    n_seeds: int = 8
+    n_kept: int = 8
+
+
+SETTINGS = ReachSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +57,12 @@ class Reach:
     Attributes
     ----------
     robot, scene : the robot, and a scene that leaves open how the payload is held
+    settings : settings of the ranking
     """
 
     robot: Robot
     scene: Scene
+    settings: ReachSettings = SETTINGS
 
     def ranked(self) -> list[tuple[GraspOption, float]]:
         """Return the choices that all arms reach with the turns of their goals, the best first."""
@@ -59,7 +71,7 @@ class Reach:
             turns = [0.0]
             if choice.free is not None and np.isfinite(self._away(choice, choice.goal, False)):
                 goal = FreeGoal(self.scene, choice)
-                turns = [0.0, *goal.turns(partial(self.value, choice), STEP)]
+                turns = [0.0, *goal.turns(partial(self.value, choice), self.settings.turns)]
             values = ((self.value(choice, turn), turn) for turn in dict.fromkeys(turns))
             found += [(round(value, 6), k, choice, turn) for value, turn in values if np.isfinite(value)]
         return [(choice, turn) for *_, choice, turn in sorted(found, key=lambda one: one[:2])]
@@ -128,19 +140,21 @@ class Reach:
         if not may_reach(ranges, i, rotation, point):
             away = np.linalg.norm(point - self.robot.tool_pose(self.robot.home, self._holders[i])[:3, 3])
             return *nothing, 1.0 + float(away)
-        joints, missing = solved_for(self.robot, self._holders, i, rotation, point, posture, N_SEEDS)
+        joints, missing = solved_for(
+            self.robot, self._holders, i, rotation, point, posture, self.settings.n_seeds
+        )
         met = missing <= MET
         if not met.any():
             return *nothing, float(missing.min())
         joints = joints[met]
         joints[:, part] = turned_towards(chains, posture[part], joints[:, part], part)
         away = np.abs(joints[:, part] - posture[part]).max(axis=1)
-        joints = joints[np.argsort(away.round(6), kind="stable")[:N_KEPT]]
+        joints = joints[np.argsort(away.round(6), kind="stable")[: self.settings.n_kept]]
         rotations, points, slopes = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
         cost = np.empty(len(joints))
         for k, q in enumerate(joints):
             place_arm(chains, i, q, rotations, points)
             jacobian(chains, i, rotations, points, slopes)
-            slopes[3:] *= LEVER
-            cost[k] = SINGULAR / max(np.linalg.svd(slopes, compute_uv=False)[-1], 1e-6)
+            slopes[3:] *= self.settings.lever
+            cost[k] = self.settings.singular / max(np.linalg.svd(slopes, compute_uv=False)[-1], 1e-6)
         return joints[:, part], cost, 0.0

@@ -10,9 +10,9 @@ from itertools import islice, product
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comove.arrays import Array, Integers
 from comove.errors import SceneError
 from comove.model.grasp import Grasp
 from comove.model.scene import Scene
@@ -28,7 +28,6 @@ from comove.robots.verification.bodies import bodies_of, obstacle_object
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
 
-Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 """Joints of all arms at the start and at the goal."""
 
@@ -304,7 +303,7 @@ class EndJoints:
         return first
 
     @property
-    def columns(self) -> NDArray[np.int64]:
+    def columns(self) -> Integers:
         """Return the columns of the arms' joints among those of the robot."""
         return np.concatenate([arm.columns for arm in self.holders])
 

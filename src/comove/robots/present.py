@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError, near_name
 from comove.io.yaml_reader import read_yaml
 from comove.results.sealed import read_json
@@ -19,7 +19,6 @@ from comove.robots.files import JOINTS
 from comove.robots.model import Robot, frame_of_joint
 from comove.robots.verification.bodies import beyond_wrists
 
-Array = NDArray[np.float64]
 Joints = Mapping[str, float] | Array
 """A value for each moving joint of a robot, by name or in the order of `Robot.joint_names` [rad, m]."""
 

@@ -8,9 +8,7 @@ from functools import partial
 from typing import Any
 from warnings import warn
 
-import numpy as np
-from numpy.typing import NDArray
-
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError, SceneError
 from comove.methods import METHODS, OF_ROBOTS
@@ -35,7 +33,7 @@ from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
-from comove.robots.choosing import EXACT, Reach
+from comove.robots.choosing import Reach
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
@@ -44,8 +42,6 @@ from comove.robots.transfers import Retreat, Transfers, possible_transfers, requ
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.verification.verify import Check, verify
-
-Array = NDArray[np.float64]
 
 AT_LEISURE = 30.0  # s, in which arms can follow any path, where the duration is open
 
@@ -213,7 +209,7 @@ def _with_transfers(
         if found.joints.motion is None:
             return best or found
         transfers, errors = possible_transfers(
-            found.joints.motion, approach=carrier.approach, release=carrier.release, present=carrier.present
+            found.joints.motion, carrier.approach, carrier.release, carrier.present
         )
         without = tuple(map(str, errors.values()))
         found = replace(found, joints=replace(found.joints, transfers=transfers, without=without))
@@ -346,7 +342,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
     """
     reach, n_found, first = Reach(robot, scene), 0, None
     choices = scene.file.choices or ()
-    if len(choices) > EXACT or any(choice.free is not None for choice in choices):
+    if len(choices) > reach.settings.exact or any(choice.free is not None for choice in choices):
         ways = iter(partial(scene.put_down, *way) for way in reach.ranked())
     else:
         ways = iter(partial(replace, alternative) for alternative in scene.alternatives)
@@ -362,7 +358,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
                 clear.append((round(carrier.turning, 6), choice))
             except (SceneError, RobotError) as error:
                 first = first or error
-            if choices and len(clear) == EXACT:
+            if choices and len(clear) == reach.settings.exact:
                 break
         if not clear:
             break

@@ -19,7 +19,7 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
-from comove.sim.world import THE_LOAD, World, lower_floor, moving_poses
+from comove.sim.world import THE_LOAD, World, lower_floor, move_obstacles, moving_poses
 
 
 def simulate(
@@ -60,8 +60,7 @@ def simulate(
         data = at_start(world, motion, payload, perturbation)
         if load is not None:
             grasp.close(world, data)
-        mocap, places, turns = moving_poses(world.model, scene, np.zeros(1))
-        data.mocap_pos[mocap], data.mocap_quat[mocap] = places[0], turns[0]
+        move_obstacles(world, data, scene, 0.0, scene.centers)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
         log = _run(world, data, scene, motion, payload, perturbation, settings)
     return Execution(

@@ -150,10 +150,8 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
 
 def move_obstacles(world: World, data: Any, scene: Scene, time: float, centers: Array) -> None:
     """Put the obstacles that move at centres, array of shape (n_obstacles, 3) [m], turned as at an instant [s]."""
-    turned = exponential(scene.turns(np.array([time]))[0])
-    for i in np.flatnonzero(scene.moving).tolist():
-        mocap = world.model.body(moving_body(i)).mocapid[0]
-        data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[i], turned[i]
+    mocap, _, turned = moving_poses(world.model, scene, np.array([time]))
+    data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[scene.moving], turned[0]
 
 
 def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Integers, Array, Array]:

@@ -54,10 +54,10 @@ from comove.model.scene import Scene
 from comove.verification.bounds import NodeBounds, lengths, node_bounds
 from comove.verification.clearance_kernels import (
     ClearanceFound,
+    ConvexObstacles,
     CurveArrays,
     MeshAround,
     Need,
-    Rows,
     certified_border,
     certified_edges,
     certified_solids,
@@ -227,7 +227,7 @@ def certify_curve(
 
 def _views(
     scene: Scene, curve: CurveArrays, paths: Paths
-) -> Iterator[tuple[CurveArrays, Rows, list[MeshAround]]]:
+) -> Iterator[tuple[CurveArrays, ConvexObstacles, list[MeshAround]]]:
     """Yield the curve as obstacles see it, and these obstacles: first all that stand, then each one that moves."""
     displaced = np.concatenate([paths.offset, paths.turn], axis=2).any(axis=(0, 2))
     moves = np.asarray(displaced | paths.sagitta.any(axis=0))
@@ -237,7 +237,7 @@ def _views(
         if rows.any() or len(meshes):
             yield (
                 _seen(curve, scene, paths, int(own[0])) if moves[own[0]] else curve,
-                Rows(scene.obstacles[rows], scene.owners[rows]),
+                ConvexObstacles(scene.obstacles[rows], scene.owners[rows]),
                 [MeshAround(scene.surfaces, int(i), int(scene.surfaces.owner[i])) for i in meshes],
             )
 

@@ -57,7 +57,7 @@ class CurveArrays(NamedTuple):
     deviation: Array
 
 
-class Rows(NamedTuple):
+class ConvexObstacles(NamedTuple):
     """Convex obstacles that stand in the frame from which a body is seen.
 
     Attributes
@@ -86,7 +86,7 @@ class ClearanceFound(NamedTuple):
     nearest: int
 
 
-class Sweep(NamedTuple):
+class PartSweep(NamedTuple):
     """A convex part of a body from one knot to the next, beside an obstacle.
 
     Attributes
@@ -104,7 +104,7 @@ class Sweep(NamedTuple):
     obstacle: int
 
 
-class Work(NamedTuple):
+class Scratch(NamedTuple):
     """Scratch: a part, the unit vector that parted last, another one, room for GJK, intervals to be looked at."""
 
     part: Array
@@ -116,7 +116,12 @@ class Work(NamedTuple):
 
 @kernel
 def certified_edges(
-    curve: CurveArrays, edges: Integers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
+    curve: CurveArrays,
+    edges: Integers,
+    radii: Array,
+    rows: ConvexObstacles,
+    need: Need,
+    found: ClearanceFound,
 ) -> ClearanceFound:
     """Return what is certified, of edges among obstacles that stand in the curve's frame too.
 
@@ -142,7 +147,7 @@ def certified_edges(
                 distance = point_distance(obstacles, j, x, y, z) - radii[e]
                 if distance - 0.5 * move - 0.5 * length - swell > found.met:
                     continue  # far away: most cells
-                sweep = Sweep(begin, end, radii[e], swell, k, owner[j])
+                sweep = PartSweep(begin, end, radii[e], swell, k, owner[j])
                 found, cells = _while_swept(obstacles, j, sweep, length, need, found, stack, cells)
     return found
 
@@ -189,7 +194,7 @@ def _with_bound(found: ClearanceFound, bound: float) -> ClearanceFound:
 
 @kernel
 def edges_at_knots(
-    nodes: Array, edges: Integers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
+    nodes: Array, edges: Integers, radii: Array, rows: ConvexObstacles, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found at every fourth knot: a good upper bound, so that few cells need halving."""
     obstacles, owner = rows
@@ -214,7 +219,7 @@ def edges_at_knots(
 def _while_swept(
     obstacles: Array,
     j: int,
-    sweep: Sweep,
+    sweep: PartSweep,
     length: float,
     need: Need,
     found: ClearanceFound,
@@ -262,7 +267,7 @@ def _while_swept(
 
 @kernel
 def certified_solids(
-    curve: CurveArrays, solids: Integers, rows: Rows, need: Need, found: ClearanceFound
+    curve: CurveArrays, solids: Integers, rows: ConvexObstacles, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is certified, of solids among obstacles that stand in the curve's frame too.
 
@@ -286,7 +291,7 @@ def certified_solids(
                 if min(first, last) >= found.met - _slack(found.met, need):
                     found, first = _with_bound(found, min(first, last) - swell), last
                     continue
-                sweep = Sweep(begin, end, 0.0, swell, k, owner[j])
+                sweep = PartSweep(begin, end, 0.0, swell, k, owner[j])
                 found, cells = _while_moving(obstacles, j, none, sweep, need, found, work, cells)
                 first = _gap(obstacles, j, none, end, work.normal)
     return found
@@ -294,7 +299,7 @@ def certified_solids(
 
 @kernel
 def solids_at_knots(
-    nodes: Array, solids: Integers, rows: Rows, need: Need, found: ClearanceFound
+    nodes: Array, solids: Integers, rows: ConvexObstacles, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found of solids at every fourth knot."""
     obstacles, owner = rows
@@ -309,8 +314,8 @@ def solids_at_knots(
 
 
 @kernel
-def _work(part: Array) -> Work:
-    return Work(part, np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3)), np.empty((STACK, 2)))
+def _work(part: Array) -> Scratch:
+    return Scratch(part, np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3)), np.empty((STACK, 2)))
 
 
 @kernel
@@ -326,10 +331,10 @@ def _while_moving(
     obstacles: Array,
     j: int,
     triangle: Array,
-    sweep: Sweep,
+    sweep: PartSweep,
     need: Need,
     found: ClearanceFound,
-    work: Work,
+    work: Scratch,
     cells: int,
 ) -> tuple[ClearanceFound, int]:
     """Bound the clearance of a part from obstacle j, or for negative j a triangle, halving intervals where needed.
@@ -372,7 +377,14 @@ def _while_moving(
 
 @kernel
 def _gap_throughout(
-    obstacles: Array, j: int, triangle: Array, sweep: Sweep, t0: float, t1: float, part: Array, normal: Array
+    obstacles: Array,
+    j: int,
+    triangle: Array,
+    sweep: PartSweep,
+    t0: float,
+    t1: float,
+    part: Array,
+    normal: Array,
 ) -> float:
     """Return the least gap [m] along `normal` while a part moves from the fraction t0 to t1 of its path.
 
@@ -419,7 +431,7 @@ def certified_surface(
             begin, end = end, begin
             _hull_at(nodes[k + 1], hulls[h], end)
             swell = surfaces.slack[mesh] + _largest(curve.deviation[k], hulls[h]) + need.rounding
-            sweep = Sweep(begin, end, radii[h], swell, k, obstacle)
+            sweep = PartSweep(begin, end, radii[h], swell, k, obstacle)
             _span_box(begin, end, box_of_both)
             boxes[0], top = surfaces.root[mesh], 1
             while top > 0:

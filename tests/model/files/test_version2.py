@@ -416,7 +416,7 @@ def test_a_free_goal_is_the_best_of_all_turns():
                 way = scene.put_down(scene.file.choices[0], turn).require_free_ends()
                 lengths[turn] = np.linalg.norm(way.goal - way.start) ** 2
         found = np.linalg.norm(result.scene.goal - result.scene.start) ** 2
-        assert found <= min(lengths.values()) + (1e-4 if data is free else 0.02)
+        assert found <= min(lengths.values()) + (2e-6 if data is free else 0.02)
         assert Executor(scene, plan=result.motion).scene.sha256 == result.scene.sha256
     assert len(lengths) < 300, "the obstacle is in the way of some"
 

@@ -15,11 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.io.keys import Pair, Part
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """[m] or [rad], allowed where a tolerance of nothing is asked for."""

@@ -13,13 +13,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.errors import InputError, SceneError
 from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.io.keys import MAX_NAME, UNTURNED, Part, Quaternion, Vector
-
-Array = NDArray[np.float64]
 
 READERS = {
     "moveit": "comove.model.files.moveit.obstacles_in",

@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import SceneError, shortened
 from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.io.files import existing_file
 from comove.io.keys import QUATERNION_TOLERANCE
 
-Array = NDArray[np.float64]
-Triangles = tuple[Array, NDArray[np.int64]]
+Triangles = tuple[Array, Integers]
 """Vertices of a mesh [m], and three of them for each triangle."""
 
 MAX_BYTES = 100_000_000

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import facing, fit_quaternion, matrices, quaternion_of_rotation
 from comove.model.files.keys import BarLoad, SceneFile, Turned
 from comove.model.grasp import Grasp, alternatives
@@ -17,8 +17,6 @@ from comove.model.groups import GroupPose, RigidGroup
 from comove.model.rigid import ENDS, load_shape
 from comove.model.scene import Scene
 from comove.model.shapes import LOAD, read_meshes, spatial
-
-Array = NDArray[np.float64]
 
 DIGITS = 13
 """Decimals of lengths [m] and directions that are written."""
@@ -100,7 +98,7 @@ def written(file: SceneFile) -> dict[str, Any]:
     if first is not None and first.free is not None:
         new["payload"]["goal"]["free"] = first.free
     frames = None if file.grasp is None else file.grasp.frames
-    ways: list[tuple[Mapping[str, Any], Mapping[str, Any] | None]] = [(_held_at(file), frames)]
+    ways: list[tuple[Mapping[str, Any], Mapping[str, Any] | None]] = [(held_at(file), frames)]
     ways = [(choice.grasps, choice.frames) for choice in file.choices or ()] or ways
     sets = [
         {
@@ -116,7 +114,7 @@ def written(file: SceneFile) -> dict[str, Any]:
     return new | {key: data[key] for key in KEPT if data.get(key)}
 
 
-def _held_at(file: SceneFile) -> dict[str, list[float]]:
+def held_at(file: SceneFile) -> dict[str, list[float]]:
     """Return where a payload with poses is held, in its frame, by the names of its holders."""
     load = file.load
     assert load is not None and load.start is not None, "the payload has poses"

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from comove.arrays import Array
 from comove.errors import SceneError
 from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation
 from comove.io.keys import (
@@ -62,8 +62,6 @@ from comove.model.files.keys import (
 )
 from comove.model.files.words import Words
 from comove.model.grasp import axis_of, hands_of, nearest_turn
-
-Array = NDArray[np.float64]
 
 ENDS = ("start", "goal")
 MAX_CHOICES = 64

@@ -10,8 +10,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back, carried_forward, moves, turned_forward
 from comove.contacts.query import nearest_point, normal_at, part_apart
@@ -30,9 +30,6 @@ from comove.geometry.surfaces import count_meshes
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.model.displacements import Displacements
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 CLOSE = 0.03  # m, distance below which a part is checked at all samples, and at the ends of rods and corners
 # One sample in so many becomes a contact when close, and up to three times as far; beyond that, one in 12.
@@ -172,11 +169,11 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     -------
     bool, whether any distance is below `cutoff`
     """
-    way, changes = transit.way, moves(transit.moved, row)
+    (load, nodes, moved, way), changes = transit, moves(transit.moved, row)
     n_samples, any_near, far = way.shape[0], False, cutoff + CLOSE
     distance[:], tau[:] = far, 0.0
     for s in range(0, n_samples, COARSE):
-        if _apart_at_least(transit, part, thing, row, s, far) < far:
+        if part_apart(load.around, moved, (s, s, 0.0), nodes[s], part, thing, row, far) < far:
             distance[s] = _look(transit, part, thing, row, s, 0.0, far, points)
     for first in range(0, n_samples - 1, COARSE):
         last = min(first + COARSE, n_samples - 1)
@@ -185,7 +182,10 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
         worth = changes or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
             distance[s] = between
-            if worth and _apart_at_least(transit, part, thing, row, s, cutoff) < cutoff:
+            if (
+                worth
+                and part_apart(load.around, moved, (s, s, 0.0), nodes[s], part, thing, row, cutoff) < cutoff
+            ):
                 distance[s] = _look(transit, part, thing, row, s, 0.0, cutoff, points)
     for s in range(n_samples):
         distance[s] = min(distance[s], cutoff)
@@ -213,13 +213,6 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
 def _instant(s, tau):
     """Return a place between samples as an instant: two samples, and the share of the time between them."""
     return s, s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
-
-
-@kernel(counted=False)
-def _apart_at_least(transit, part, thing, row, s, enough):
-    """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
-    around, instant = transit.load.around, _instant(s, 0.0)
-    return part_apart(around, transit.moved, instant, transit.nodes[s], part, thing, row, enough)
 
 
 @kernel(counted=False)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.model.blocks import Blocks, lean
 from comove.model.coordinates import Coordinates
 from comove.planning.convex.contacts import spins
-
-Array = NDArray[np.float64]
 
 ROUGH = 1e-5
 """Distance by which an end may be nearer to its limit than the motion between [m]."""
@@ -35,7 +33,7 @@ class Leaning:
     """
 
     all: Blocks
-    blocks: NDArray[np.int64]
+    blocks: Integers
     reach: Array
     at_ends: Array
 
@@ -63,7 +61,7 @@ class Leaning:
 
 
 @kernel
-def _leaned(blocks: Blocks, which: NDArray[np.int64], reach: Array, q: Array) -> tuple[Array, Array]:
+def _leaned(blocks: Blocks, which: Integers, reach: Array, q: Array) -> tuple[Array, Array]:
     n_samples, n_columns = q.shape
     spare, slopes = np.empty((n_samples, len(which))), np.zeros((n_samples, len(which), n_columns))
     up, turns = np.empty(3), np.empty((4, 3))

@@ -13,12 +13,10 @@ from typing import Any, NamedTuple
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
-
-Array = NDArray[np.float64]
 
 PROUD, PROUDEST = 0.04, 0.003  # by which bodies may stick out: share of the radius, and m, at most
 FINE, MOST_PARTS = 0.01, 100  # m, between points of a surface, and parts of an edge at most
@@ -89,7 +87,7 @@ def capsules_of(shape: Any, moves: bool, how: CapsuleSettings = SETTINGS) -> lis
 
 
 def convex_parts(
-    vertices: Array, triangles: NDArray[np.int64], moves: bool, how: CapsuleSettings = SETTINGS
+    vertices: Array, triangles: Integers, moves: bool, how: CapsuleSettings = SETTINGS
 ) -> list[Array]:
     """Return points, arrays of shape (n, 3) [m], the union of whose hulls holds a surface.
 
@@ -118,7 +116,7 @@ def vertices_of(shape: Any) -> Array:
     return np.array(shape.vertices())
 
 
-def _surface(shape: Any) -> tuple[Array, NDArray[np.int64]]:
+def _surface(shape: Any) -> tuple[Array, Integers]:
     """Return the vertices [m] and triangles of a mesh or a convex body; arrays, shape (n, 3)."""
     vertices = vertices_of(shape)
     if isinstance(shape, coal.ConvexBase):
@@ -258,7 +256,7 @@ def _around_cylinder(radius: float, half: float, n: int = 48) -> Array:
     return np.concatenate([np.column_stack([ring, np.full(n, z)]) for z in (-half, half)])
 
 
-def on_triangles(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, float]:
+def on_triangles(points: Array, triangles: Integers) -> tuple[Array, float]:
     """Return points on triangles, their corners among them, and the diameter of the triangles between them [m]."""
     corners = points[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.robots.model import Arm, Robot
 from comove.robots.search.triples import Triple, cross, dot, plus, rotated, rotated_back
-
-Array = NDArray[np.float64]
 
 TURN = 0.2  # m, that one radian of a hand counts for in a residual
 GRAVITY = 9.81  # m/s^2
@@ -43,7 +42,7 @@ class Chains(NamedTuple):
         centre of mass and inertia about it of the bodies that the joints move, in the joints' frames
     """
 
-    first: NDArray[np.int64]
+    first: Integers
     rotation: Array
     offset: Array
     axis: Array

@@ -26,8 +26,8 @@ from math import acos, atan2, pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.robots.search.chains import Chains, place_arm
 from comove.robots.search.triples import (
@@ -41,8 +41,6 @@ from comove.robots.search.triples import (
     rotated,
     rotated_back,
 )
-
-Array = NDArray[np.float64]
 
 WRIST_MEET_1, WRIST_MEET_2, WRIST_ALONG, ALONG = range(4)
 N_BRANCHES = 8  # solutions of six joints at most

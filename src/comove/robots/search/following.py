@@ -11,8 +11,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
 from comove.robots.search.links import (
@@ -24,8 +24,6 @@ from comove.robots.search.links import (
     set_share,
 )
 from comove.robots.search.ranges import WristRanges
-
-Array = NDArray[np.float64]
 
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=0.02, tolerance=MET, steady=0.05, most=6)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.geometry.solids import N_CORNERS
@@ -21,8 +22,6 @@ from comove.planning.timing import fastest_point, place_obstacles
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
-
-Array = NDArray[np.float64]
 
 STATIC = -1
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
@@ -55,7 +54,7 @@ class LinkSurroundings(NamedTuple):
     """
 
     obstacles: Array
-    edges: NDArray[np.int64]
+    edges: Integers
     radii: Array
     clearance: float
     eased: float
@@ -65,7 +64,7 @@ class LinkSurroundings(NamedTuple):
     turning: NDArray[np.bool_] = np.zeros(0, dtype=bool)
     first: int = 0
     second: int = 0
-    keypoints: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    keypoints: Integers = np.zeros(0, dtype=np.int64)
     carried: Array = np.zeros(0)
     posture: Array = np.zeros(0)
     ends: Array = np.zeros((2, 0, 3))
@@ -108,18 +107,18 @@ class Links(NamedTuple):
     moving : array, shape (n_moving,), indices of the links that move, arm by arm
     """
 
-    joint: NDArray[np.int64]
-    arm: NDArray[np.int64]
+    joint: Integers
+    arm: Integers
     start: Array
     end: Array
     radius: Array
-    pairs: NDArray[np.int64]
+    pairs: Integers
     wider: Array
-    runs: NDArray[np.int64]
-    group: NDArray[np.int64]
+    runs: Integers
+    group: Integers
     group_radius: Array
     holds: NDArray[np.bool_]
-    moving: NDArray[np.int64]
+    moving: Integers
 
     def some(self, which: NDArray[np.bool_]) -> Links:
         """Keep only some of the pairs; array, shape (n_pairs,)."""
@@ -133,7 +132,7 @@ class Links(NamedTuple):
         return own._replace(moving=self.moving[self.arm[self.moving] == arm])
 
 
-def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
+def load_lines(scene: Scene) -> tuple[Integers, Array]:
     """Return the lines that stand for a load in distances to links, and their radii: rods, the edges of boxes and the
     diagonals of their faces, and the edges of the triangles that bound other solids.
 
@@ -201,7 +200,7 @@ def recalled(robot: Robot, arms: tuple[Arm, ...], links: Links, q: Array, too_ne
     return links._replace(wider=wider)
 
 
-def body_distances(robot: Robot, arms: tuple[Arm, ...], q: Array, pairs: NDArray[np.int64]) -> Array:
+def body_distances(robot: Robot, arms: tuple[Arm, ...], q: Array, pairs: Integers) -> Array:
     """Compute the distances of pairs of collision bodies at joints of some arms, the others at home.
 
     Parameters
@@ -245,7 +244,7 @@ def _may_meet(chains: Chains, links: Links) -> NDArray[np.bool_]:
     return (links.arm[one] == links.arm[two]) | (apart <= ENOUGH)
 
 
-def _runs(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+def _runs(groups: Integers) -> Integers:
     """Return `Links.runs` of pairs, whose groups are an array of shape (n_pairs, 2)."""
     changes = np.flatnonzero((groups[1:] != groups[:-1]).any(axis=1)) + 1
     first = np.concatenate([np.zeros(min(1, len(groups)), dtype=np.int64), changes])
@@ -253,7 +252,7 @@ def _runs(groups: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 @lru_cache(maxsize=32)
-def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, NDArray[np.int64]]:
+def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
     """Build capsules, with all pairs of links of which one moves; return them and the body that each is of."""
     model, collision = robot.model, robot.collision
     columns = np.concatenate([arm.columns for arm in arms])
@@ -305,7 +304,7 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, NDArray[np.in
     return links, bodies
 
 
-def _group_radii(ends: Array, radii: Array, group: NDArray[np.int64]) -> Array:
+def _group_radii(ends: Array, radii: Array, group: Integers) -> Array:
     """Compute the radii of balls about the means of the middles of groups of capsules; array, shape (n_groups,) [m].
 
     Parameters

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.model.scene import Scene
 from comove.robots.model import Robot
@@ -21,8 +21,6 @@ from comove.robots.search.links import (
     load_lines,
     pair_distances,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ class Outline:
     chains: Chains
     links: Links
     around: LinkSurroundings
-    columns: NDArray[np.int64]
+    columns: Integers
     nodes: Array
     bodies: list[str]
     names: list[frozenset[str]]

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.model.blocks import place_one
 from comove.planning.clock import worked
@@ -25,8 +25,6 @@ from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import SEARCHING, Arms, hand_rotation, posture_on
 from comove.robots.search.links import ENOUGH, ROUGH, clearance_at, links_clearance, place_links
 from comove.robots.search.ranges import may_reach
-
-Array = NDArray[np.float64]
 
 LEADING = SEARCHING._replace(tolerance=1e-3, most=12)
 """Iteration for a pose on an edge, which begins further away than a sample of a movement."""

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.robots.search.chains import Chains, place_arm
-
-Array = NDArray[np.float64]
 
 STILL = 1e-9  # m, that a point which stays where it is may move by
 

@@ -7,8 +7,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.model.blocks import Blocks, place_one
 from comove.planning.trees import copy_to
@@ -22,8 +22,6 @@ from comove.robots.search.links import (
     place_links,
     set_share,
 )
-
-Array = NDArray[np.float64]
 
 EXACT = SEARCHING._replace(tolerance=1e-8)
 """Iteration for differences, where the end of an arm's reach is seen by how its joints turn."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
+from comove.arrays import Array
 from comove.compiled import kernel
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 

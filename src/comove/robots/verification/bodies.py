@@ -28,6 +28,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import ComoveWarning
 from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
@@ -38,8 +39,6 @@ from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
 from comove.robots.verification.kinematics import Bases, moved_by
 from comove.robots.verification.moving import MovingObstacles
-
-Array = NDArray[np.float64]
 
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
 BURIED = 0.01  # m, deeper than what stands on something is in it by the tolerances of drawings
@@ -80,11 +79,11 @@ class Bodies:
     robot: Robot
     geometry: Any
     names: tuple[str, ...]
-    kind: NDArray[np.int64]
+    kind: Integers
     required: Array
     taken: Array
     reach: Array
-    exact: NDArray[np.int64]
+    exact: Integers
     rods: tuple[tuple[int, ...], ...]
     surfaces: Surfaces
     moving: MovingObstacles
@@ -129,13 +128,13 @@ class Bodies:
         return self
 
     @cached_property
-    def ends(self) -> NDArray[np.int64]:
+    def ends(self) -> Integers:
         """Return the numbers of both bodies of every pair; array, shape (n_pairs, 2)."""
         pairs = self.geometry.collisionPairs
         return np.array([(p.first, p.second) for p in pairs], dtype=np.int64).reshape(-1, 2)
 
     @cached_property
-    def joint(self) -> NDArray[np.int64]:
+    def joint(self) -> Integers:
         """Return the number of the joint that each body is on, 0 for the universe; array, shape (n_bodies,)."""
         return _joints(self.geometry)
 
@@ -219,7 +218,7 @@ def links_apart(robot: Robot) -> Array:
     return ROBOT_CLEARANCE + _taken(pairs, pull, base)
 
 
-def _taken(pairs: list[tuple[int, int]], pull: Array, base: NDArray[np.int64]) -> Array:
+def _taken(pairs: list[tuple[int, int]], pull: Array, base: Integers) -> Array:
     """Return by how much the true distance of pairs may be less than the computed one; array, shape (n_pairs,) [m].
 
     Parameters
@@ -287,7 +286,7 @@ def _add_load(
 
 def _with_hulls(
     geometry: Any, names: list[str], pairs: list[tuple[int, int, int]]
-) -> tuple[list[tuple[int, int, int]], NDArray[np.int64], dict[int, int]]:
+) -> tuple[list[tuple[int, int, int]], Integers, dict[int, int]]:
     """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs; `Bodies.exact`;
     and the hulls by mesh.
     """
@@ -434,7 +433,7 @@ def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
     return mesh.num_vertices == hull.num_points and abs(mesh.computeVolume() - volume) < missing * volume
 
 
-def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, NDArray[np.int64]]:
+def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, Integers]:
     """Return how joints move the bodies, how far tolerances of the bases move them, and on which base they are.
 
     Returns
@@ -455,9 +454,7 @@ def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Arr
     return reach, pull, base
 
 
-def _changes(
-    robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64], moving: MovingObstacles
-) -> Array:
+def _changes(robot: Robot, geometry: Any, reach: Array, pairs: Integers, moving: MovingObstacles) -> Array:
     """Bound how joints, then the load, then moving obstacles change distances; joints that move both bodies do not.
 
     Parameters
@@ -475,5 +472,5 @@ def _changes(
     return np.column_stack([change, kind == LOAD, by_obstacle])
 
 
-def _joints(geometry: Any) -> NDArray[np.int64]:
+def _joints(geometry: Any) -> Integers:
     return np.array([item.parentJoint for item in geometry.geometryObjects], dtype=np.int64)

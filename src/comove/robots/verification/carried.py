@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.arrays import Array, Integers
 from comove.dmp.system import N_INTERVALS
 from comove.geometry.rotations import cross
 from comove.geometry.solids import N_CORNERS
@@ -42,8 +43,6 @@ from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by, reaches_of
 from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
-
-Array = NDArray[np.float64]
 
 
 class LoadMotion(Protocol):
@@ -351,7 +350,7 @@ def _third_derivatives(
     return lengths * of_all + carried.jerk.over(begin, end), of_turning + swing
 
 
-def _grid(samples: Array, jerk: Array, tight: float, finest: int) -> tuple[Array, NDArray[np.int64]]:
+def _grid(samples: Array, jerk: Array, tight: float, finest: int) -> tuple[Array, Integers]:
     """Compute instants fine enough for bounds as `tight`, and the index of the sample interval of each piece."""
     parts = np.ceil(np.diff(samples) * np.cbrt(jerk / (16 * tight)))
     parts = np.clip(np.nan_to_num(parts, nan=finest, posinf=finest), 1, finest)

@@ -41,6 +41,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.arrays import Array, Integers
 from comove.errors import OptionError
 from comove.geometry.rotations import cross
 from comove.robots.model import Robot
@@ -49,8 +50,6 @@ from comove.robots.verification.bodies import Bodies, depth_of
 from comove.robots.verification.carried import LoadMotion, placements
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
 from comove.ties import first_least
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -193,8 +192,8 @@ class PairCells(NamedTuple):
     """
 
     at: Instants
-    row: NDArray[np.int64]
-    pair: NDArray[np.int64]
+    row: Integers
+    pair: Integers
 
     def chosen(self, which: NDArray[np.bool_]) -> PairCells:
         """Return some of the cells."""
@@ -486,7 +485,7 @@ class Nearing:
             turning = turning + np.linalg.norm(cross(normals, twist[:, 3:]), axis=1) * radii[body]
         return lost, np.abs(speed) + turning
 
-    def _supports(self, body: NDArray[np.int64], along: Array) -> Array:
+    def _supports(self, body: Integers, along: Array) -> Array:
         """Compute how far bodies reach along unit vectors in the frames of their joints, from these frames' origins.
 
         Parameters

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.arrays import Array
 from comove.errors import RobotError
 from comove.model.resting import TOLERANCE
 from comove.model.scene import Scene
@@ -28,8 +28,6 @@ from comove.robots.verification.certificate import LinkClearance, certify, overl
 from comove.robots.verification.kinematics import Bases, joint_axes, moved_by
 from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
-
-Array = NDArray[np.float64]
 
 SAMPLE_ERROR = 1e-6  # m and rad, of a hand at samples
 HAND_ERROR = 1e-5  # m and rad, of a hand at every instant

@@ -19,11 +19,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.geometry.rotations import cross
 from comove.robots.description import Uncertainty
 from comove.robots.model import Arm, Robot
-
-Array = NDArray[np.float64]
 
 
 def joint_axes(model: Any) -> tuple[Array, NDArray[np.bool_]]:
@@ -174,14 +173,14 @@ class _Tree(NamedTuple):
     moves : array, shape (n_joints + 1, n_joints), whether the joint of a column moves what is on a joint
     """
 
-    parents: NDArray[np.int64]
+    parents: Integers
     turn: Array
     shift: Array
     cross: Array
     square: Array
     axis: Array
     slides: NDArray[np.bool_]
-    columns: NDArray[np.int64]
+    columns: Integers
     moves: NDArray[np.bool_]
 
 

@@ -13,7 +13,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -51,6 +51,35 @@ _QUALISYS = ("no_of_frames", "no_of_markers", "marker_names")
 
 
 @dataclass(frozen=True)
+class Header:
+    """The rows of a header, () where there is none of a kind, and the number of cells of its lowest row."""
+
+    names: tuple[str, ...] = ()
+    bodies: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    n_named: int = 0
+
+
+@dataclass(frozen=True)
+class Preamble:
+    """What the lines above a header state.
+
+    Attributes
+    ----------
+    rate : samples a second [Hz]
+    unit, angles : units of lengths and of angles
+    title : first line, where it says what the numbers are
+    """
+
+    rate: float | None
+    unit: str | None
+    angles: str | None
+    title: str
+
+
+@dataclass(frozen=True)
 class Layout:
     """Layout of the numbers of a table in its file.
 
@@ -61,11 +90,8 @@ class Layout:
     decimal_comma : whether numbers may have commas for points
     first : number of the first row of numbers, in lines of the file from 1
     n_cells : number of columns
-    names, bodies, kinds, types, units : the rows of the header; names are () where there is none
-    rate : samples a second that the preamble states [Hz]
-    unit : unit of lengths that the preamble states
-    angles : unit of angles that the preamble states
-    title : first line of a preamble that states it, which says what the numbers are
+    header : rows directly above the numbers
+    preamble : what is said above the header
     sample : cells of the first rows of numbers
     """
 
@@ -75,16 +101,9 @@ class Layout:
     decimal_comma: bool
     first: int
     n_cells: int
-    names: tuple[str, ...] = ()
-    bodies: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
-    types: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    rate: float | None = None
-    unit: str | None = None
-    angles: str | None = None
-    title: str = ""
-    sample: tuple[tuple[str, ...], ...] = ()
+    header: Header
+    preamble: Preamble
+    sample: tuple[tuple[str, ...], ...]
 
     def rows(self) -> Iterator[tuple[int, str]]:
         """Iterate over the number and text of all rows of numbers; blank lines and comments are passed over."""
@@ -223,35 +242,24 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
     numbers = [cell for row in sample for cell in row if is_number(cell)]
     decimal_comma = separator != "," and not any("." in cell for cell in numbers)
     header = _header(head[:at], separator, n_cells)
+    _require_as_many(path, header, sample, head[: at + 1], separator)
     said = _statements([line for _, line in head[:at]], separator)
-    names = header.get("names", ())
-    _require_as_many(path, names, len(header.get("cells", ())), sample, head[: at + 1], separator)
-    rate = next((_positive(said[key]) for key in _RATES if _positive(said.get(key, "")) is not None), None)
-    unit = next((UNITS.get(said[key].lower()) for key in _LENGTH_UNITS if key in said), None)
-    if any(key in said for key in _QUALISYS):  # which writes lengths in mm, and says so nowhere
-        unit = "mm"
+    is_qualisys = any(key in said for key in _QUALISYS)
+    if is_qualisys and not header.names:
         markers = _markers(head[:at])
-        if not names and markers and n_cells == 3 * len(markers):
-            names = tuple("XYZ" * len(markers))
-            header["bodies"] = tuple(marker for marker in markers for _ in "XYZ")
-    return Layout(
-        path,
-        encoding,
-        separator,
-        decimal_comma,
-        head[at][0],
-        n_cells,
-        names,
-        header.get("bodies", ()),
-        header.get("kinds", ()),
-        header.get("types", ()),
-        header.get("units", ()),
-        rate,
+        if markers and n_cells == 3 * len(markers):
+            bodies = tuple(marker for marker in markers for _ in "XYZ")
+            header = replace(header, names=tuple("XYZ" * len(markers)), bodies=bodies)
+    unit = next((UNITS.get(said[key].lower()) for key in _LENGTH_UNITS if key in said), None)
+    unit = "mm" if is_qualisys else unit  # which writes lengths in mm, and says so nowhere
+    preamble = Preamble(
+        next((_positive(said[key]) for key in _RATES if _positive(said.get(key, "")) is not None), None),
         unit if unit in LENGTHS else None,
         {"yes": "deg", "no": "rad"}.get(said.get("indegrees", "").lower()),
         head[0][1].strip(f"{separator}\n ") if "indegrees" in said else "",
-        tuple(map(tuple, sample)),
     )
+    sampled = tuple(map(tuple, sample))
+    return Layout(path, encoding, separator, decimal_comma, head[at][0], n_cells, header, preamble, sampled)
 
 
 def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[tuple[int, int]]:
@@ -292,8 +300,8 @@ def _score(cells: Sequence[str]) -> int:
     return numbers + times if 2 * (numbers + times) >= measured and numbers + times else 0
 
 
-def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> dict[str, tuple[str, ...]]:
-    """Return the rows of the header: names, units, bodies, kinds and types, as far as there are any."""
+def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> Header:
+    """Return the rows of the header, as far as there are any."""
     rows: list[list[str]] = []
     n_named = 0
     for _, line in reversed(above):
@@ -329,46 +337,46 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
         if marked:
             break
     if not rows:
-        return {}
-    found: dict[str, tuple[str, ...]] = {"cells": ("",) * n_named}
-    if len(rows) > 1 and _are_units(rows[0]):
-        found["units"] = tuple(rows.pop(0))
+        return Header()
+    units = tuple(rows.pop(0)) if len(rows) > 1 and _are_units(rows[0]) else ()
     if len(rows) > 1 and sum(map(bool, rows[0])) == 1:  # the name of the index stands below the others
         lowest = rows.pop(0)
         rows[0] = [low or above for low, above in zip(lowest, rows[0], strict=False)]
     names, above_names = rows[0], rows[1:]
+    bodies: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
     for row in above_names:
         label = next((cell.lower() for cell in row[:2] if cell), "")
         texts = {cell.lower() for cell in row if cell}
         if label == "type":
-            found["types"] = tuple(row)
+            types = tuple(row)
         elif texts & _QUANTITIES:
-            found.setdefault("kinds", tuple(row))
-        elif "bodies" not in found:
-            found["bodies"] = _filled(["" if cell.lower() == "name" else cell for cell in row], names)
+            kinds = kinds or tuple(row)
+        elif not bodies:
+            bodies = _filled(["" if cell.lower() == "name" else cell for cell in row], names)
     for number, name in enumerate(names):
-        if not name and number < len(found.get("bodies", ())) and number < 2:
+        if not name and number < len(bodies) and number < 2:
             upper = next((row[number] for row in above_names if row[number]), "")
             if upper.lower() not in ("name", "type"):
                 names[number] = upper
-    bodies = found.get("bodies")
-    if bodies is not None:
-        found["bodies"] = tuple(
-            "" if body in (name, names[n]) and n < 2 else body
-            for n, (body, name) in enumerate(zip(bodies, names, strict=False))
-        )
-    return found | {"names": tuple(names)}
+    bodies = tuple(
+        "" if body in (name, names[n]) and n < 2 else body
+        for n, (body, name) in enumerate(zip(bodies, names, strict=False))
+    )
+    return Header(tuple(names), bodies, kinds, types, units, n_named)
 
 
 def _require_as_many(
     path: Path,
-    names: Sequence[str],
-    n_named: int,
+    header: Header,
     sample: Sequence[Sequence[str]],
     above: Sequence[tuple[int, str]],
     separator: str,
 ) -> None:
     """Raise if the rows have more or fewer cells than the line that names the columns."""
+    names: Sequence[str] = header.names
+    n_named = header.n_named
     for _, line in reversed(above[:-1]) if not names else ():
         if line.strip() and not line.lstrip().startswith(COMMENTS):
             others = [split(line, mark) for mark in (separator, *SEPARATORS)]

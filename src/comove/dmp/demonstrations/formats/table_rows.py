@@ -120,7 +120,7 @@ class TableRows:
 
     def numbered(self, wanted: Sequence[int], dropped: list[int] | None = None) -> Iterator[tuple[int, str]]:
         """Iterate over the number and text of the rows; the numbers of those left out are added to `dropped`."""
-        layout, separator = self.layout, self.layout.separator
+        layout, separator, names = self.layout, self.layout.separator, self.layout.header.names
         n_columns, n_found = max(layout.n_cells, 1), 0
         for row, line in layout.rows():
             is_split = separator == " " or '"' in line or self.drop_missing
@@ -129,7 +129,7 @@ class TableRows:
             if n_cells != layout.n_cells and abs(n_cells - layout.n_cells) <= 1:
                 cells = layout.cells(line) if cells is None else cells
                 n_cells -= n_cells > layout.n_cells and not cells[-1]
-            if n_cells != layout.n_cells and not (n_cells == len(layout.names) - 1 and not layout.names[-1]):
+            if n_cells != layout.n_cells and not (n_cells == len(names) - 1 and not names[-1]):
                 raise self._ragged(row, n_cells, line)
             if self.drop_missing and cells is not None and any(is_missing(cells[n]) for n in wanted):
                 if dropped is not None:
@@ -145,7 +145,7 @@ class TableRows:
 
     def _bad_cell(self, wanted: Sequence[int]) -> DemonstrationError:
         """Return the error that describes the first bad cell of the wanted columns."""
-        path, names = self.layout.path, self.layout.names
+        path, names = self.layout.path, self.layout.header.names
         for row, line in self.numbered(wanted):
             cells = self.layout.cells(line)
             again = [cell for cell in cells if cell and cell in names]
@@ -182,8 +182,8 @@ class TableRows:
         others = [mark for mark in SEPARATORS if mark not in (layout.separator, " ") and mark in line]
         if layout.separator == "," and (";" in others or n_cells >= 2 * layout.n_cells):
             way_out = "these look like decimal commas: separate the columns by semicolons"
-        what = "the header has" if layout.names else "the rows before have"
-        n_names = len(layout.names) or layout.n_cells
+        what = "the header has" if layout.header.names else "the rows before have"
+        n_names = len(layout.header.names) or layout.n_cells
         return fault(layout.path, f"row {row}", f"it has {n_cells} cells and {what} {n_names}", way_out)
 
 

@@ -202,6 +202,7 @@ class _Table:
     def of(cls, request: _Request) -> _Table:
         """Return the table, with the meaning of its columns."""
         layout = layout_of(request.path, request.delimiter)
+        header, preamble = layout.header, layout.preamble
         if layout.n_cells > MAX_COLUMNS:
             raise fault(
                 request.path,
@@ -209,22 +210,22 @@ class _Table:
                 f"there are {layout.n_cells} columns",
                 f"keep those of the movement, {MAX_COLUMNS} at most",
             )
-        for number, name in enumerate(layout.names, start=1):
+        for number, name in enumerate(header.names, start=1):
             if len(name) > MAX_NAME:
                 message, way_out = f"the name has {len(name)} characters", f"use {MAX_NAME} at most"
                 raise fault(request.path, f"header, column {number}", message, way_out)
-        if not layout.names:
+        if not header.names:
             columns, guessed = columns_by_numbers(layout)
             return cls(request, layout, columns, guessed)
-        kinds = (layout.title,) * len(layout.names) if is_derived(layout.title) else layout.kinds
-        columns = read_columns(layout.names, bodies=layout.bodies, kinds=kinds, units=layout.units)
+        kinds = (preamble.title,) * len(header.names) if is_derived(preamble.title) else header.kinds
+        columns = read_columns(header.names, bodies=header.bodies, kinds=kinds, units=header.units)
         columns = with_matrices(_main_bodies(columns, layout), layout)
-        if layout.angles is not None and not any(column.kind is Kind.POSITION for column in columns):
+        if preamble.angles is not None and not any(column.kind is Kind.POSITION for column in columns):
             columns = tuple(
                 replace(c, kind=Kind.JOINT, axis=bare_name(c.name)) if c.kind is Kind.OTHER and c.axis else c
                 for c in columns
             )
-        stated = {Kind.POSITION: layout.unit, Kind.JOINT: layout.angles}
+        stated = {Kind.POSITION: preamble.unit, Kind.JOINT: preamble.angles}
         columns = tuple(replace(c, unit=c.unit or stated.get(c.kind)) for c in columns)
         return cls(request, layout, columns)
 
@@ -236,9 +237,9 @@ class _Table:
     @cached_property
     def own(self) -> dict[str, Body] | None:
         """Return the bodies of a table that comove wrote, None of others."""
-        layout = self.layout
-        is_plain = layout.separator == "," and not (layout.bodies or layout.units or layout.unit)
-        return csv.own_bodies(layout.names) if is_plain and layout.names else None
+        layout, header = self.layout, self.layout.header
+        is_plain = layout.separator == "," and not (header.bodies or header.units or layout.preamble.unit)
+        return csv.own_bodies(header.names) if is_plain and header.names else None
 
     def bodies(self) -> dict[str, Body]:
         """Return the bodies to read."""
@@ -304,7 +305,7 @@ class _Table:
         found = [column for column in found if column.number not in chosen]
         if (
             not found
-            and not layout.names
+            and not layout.header.names
             and not chosen & {0}
             and request.columns is not None
             and self._grows(0)
@@ -318,10 +319,10 @@ class _Table:
         )  # of pandas, which may hold the time
         if first.kind is Kind.INDEX and first.name in are_indices and self._grows(0) and not self._counts(0):
             return Clock((replace(first, name=first.name or "1"),))
-        if layout.rate is not None:
+        if layout.preamble.rate is not None:
             frames = [c for c in self.columns if c.kind is Kind.INDEX and "frame" in c.name.lower()][:1]
-            words = f"time at {layout.rate:g} samples a second, as the file says"
-            return Clock(tuple(frames), rate=layout.rate, words=words)
+            words = f"time at {layout.preamble.rate:g} samples a second, as the file says"
+            return Clock(tuple(frames), rate=layout.preamble.rate, words=words)
         raise self._no_time()
 
     def _chosen_numbers(self) -> set[int]:
@@ -453,15 +454,16 @@ class _Table:
             message = f"there are no positions beside time in {names}"
             if are_lists:
                 message = f"cells hold lists of numbers, in {names}"
-            if is_derived(self.layout.title):
-                message = f"its first line says that it holds {self.layout.title!r}, which are no positions"
+            if is_derived(self.layout.preamble.title):
+                message = f"its first line says that it holds {self.layout.preamble.title!r}, which are no positions"
             way_out = "write a column for each number" if are_lists else "record them as well"
             return fault(self.request.path, "header", message, way_out)
         first = candidates[0]
-        time = "1" if not self.layout.names and first.number == 0 and self._grows(0) else self.request.time
+        is_unnamed = not self.layout.header.names
+        time = "1" if is_unnamed and first.number == 0 and self._grows(0) else self.request.time
         if time == "1" and len(candidates) > 1:
             candidates = candidates[1:]
-        if not self.layout.names:
+        if not self.layout.header.names:
             candidates = self._coordinates(candidates, time == "1")
         unit = self.request.unit
         chosen = candidates if is_angle(unit) else candidates[: len(AXES)]
@@ -510,7 +512,7 @@ class _Table:
 
     def _may_be_anything(self, column: Column) -> bool:
         """Return whether nothing says what a column holds; speeds and forces are known, though not read."""
-        return bool(column.axis) or column.kind is Kind.INDEX or not self.layout.names
+        return bool(column.axis) or column.kind is Kind.INDEX or not self.layout.header.names
 
     def _is_whole(self, number: int) -> bool:
         return all(cell.isdigit() for cell in self.layout.sampled(number))
@@ -548,7 +550,7 @@ class _Table:
         )
 
     def _no_time(self) -> DemonstrationError:
-        names = [column.name for column in self.columns if column.name and self.layout.names]
+        names = [column.name for column in self.columns if column.name and self.layout.header.names]
         near = near_name("time", names).partition("known: ")[0] if names else ""
         chosen = self._chosen_numbers()
         growing = [
@@ -567,7 +569,7 @@ class _Table:
             named = growing[0].name or str(growing[0].number + 1)
             advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}
         message = "there is no column of time"
-        if not self.layout.names:
+        if not self.layout.header.names:
             message = f"the columns have no names, and there is no time among {self.layout.n_cells} of them"
             message += f" ({self.guessed})" if self.guessed else ""
         return fault(self.request.path, "time", message, near + advice, **options)
@@ -575,7 +577,7 @@ class _Table:
 
 def _main_bodies(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, ...]:
     """Return columns among which only rigid bodies and bones count, if there are any, and not the markers on them."""
-    types = [text.strip().lower() for text in layout.types]
+    types = [text.strip().lower() for text in layout.header.types]
     if not {"rigid body", "bone"} & set(types):
         return columns
     return tuple(
