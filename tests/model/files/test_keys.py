@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
-from comove.model import model
+from comove.model.files import keys as model
 from comove.model.files.keys import canonical
 from comove.model.files.reading import load_scene_file, parse_scene
 from tests.cases import examples
