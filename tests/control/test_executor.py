@@ -67,6 +67,16 @@ def test_what_never_leaves_the_goal_is_waited_for_and_named():
     assert reason.endswith("obstacles[0] (sphere) is where the load has to go")
 
 
+def test_a_door_before_the_goal_is_named():
+    """A door that lies along the border at first stands before the goal after 3 s."""
+    turn = {"rate_deg_per_s": -30, "hinge": [0.3, 0.0]}
+    door = {"shape": "box", "center": [0.55, 0.05], "size": [0.6, 0.05], "motion": {"turn": turn}}
+    executor = Executor(crossing(door))
+    assert executor.blocker == ""
+    executor.n_steps = round(3.0 / executor.period)
+    assert executor.blocker == "obstacles[0] (box) is where the load has to go"
+
+
 def test_what_leaves_the_goal_late_is_waited_for():
     """Until well after the time that the scene gives."""
     away = {"waypoints": [[0.9, 0.5], [0.9, 0.5], [0.9, 1.5]], "times": [0, 5, 7]}

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.dmp import DMP, LinearPhase, Variant, motion_basis
+from comove.dmp.basis import rollouts
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.system import N_INTERVALS
 from comove.errors import OptionError
@@ -19,7 +20,6 @@ from comove.model import (
     load_coordinates,
     modulate,
     projected_coordinates,
-    rollouts,
 )
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 from tests.cases import examples

@@ -19,7 +19,8 @@ import comove
 from comove.errors import ComoveWarning, RobotError
 from comove.model import Scene
 from comove.robots import Robot, verify_joints
-from comove.robots.grippers import COLOUR, gripper_links, without_gripper
+from comove.robots.grippers import without_gripper
+from comove.robots.mounting import COLOUR
 from comove.robots.proposal import examine, propose
 from comove.sim import simulate
 from comove.sim.engine import engine
@@ -84,7 +85,7 @@ def held(folder, gripper, urdf=FINGERS, **more):
 
 def bodies_of(machine):
     """The collision bodies of grippers, and where each is at some joints."""
-    own = gripper_links(machine, machine.arms[0])
+    own = machine.gripper_links(machine.arms[0])
     frames = machine.model.frames
     return [item for item in machine.collision.geometryObjects if frames[item.parentFrame].name in own]
 
@@ -188,7 +189,7 @@ def pairs(machine):
 def test_a_gripper_is_kept_from_every_link_of_its_arm_that_moves_against_it_but_those_it_may_touch(tmp_path):
     machine = held(tmp_path, {"urdf": "gripper.urdf"})
     own = {f"left_gripper_{name}" for name in ("palm", "finger", "thumb")}
-    assert gripper_links(machine, machine.arms[0]) == own
+    assert machine.gripper_links(machine.arms[0]) == own
     assert {frozenset((name, "upper")) for name in own} <= pairs(
         machine
     )  # the neighbour of the last joint, too

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 import comove
 from comove.errors import OptionError, SceneError
@@ -44,8 +45,13 @@ def gated(**changes):
     )
 
 
-def least_distance(folder: Path, time, joints, names):
-    """Least distance of the gantry's links from the gate, by its raw URDF, and when; the gate is moved here."""
+def open_by(t):
+    """Where the gate is at a time: its orientation and its centre [m]."""
+    return np.eye(3), np.array([0.0, np.interp(t, [OPENS, OPEN], [0.0, 3.0]), 0.2])
+
+
+def least_distance(folder: Path, time, joints, names, size=GATE["size"], place=open_by):
+    """Least distance of the gantry's links from a box, by its raw URDF, and when; the box is moved by `place`."""
     model = pin.buildModelFromUrdf(str(folder / "gantry.urdf"))
     bodies = pin.buildGeomFromUrdf(model, str(folder / "gantry.urdf"), pin.GeometryType.COLLISION)
     data, placed, order = model.createData(), bodies.createData(), [model.getJointId(name) for name in names]
@@ -54,8 +60,7 @@ def least_distance(folder: Path, time, joints, names):
         q = pin.neutral(model)
         q[columns] = own
         pin.updateGeometryPlacements(model, data, bodies, placed, q)
-        y = np.interp(t, [OPENS, OPEN], [0.0, 3.0])
-        gate = coal.Box(*GATE["size"]), coal.Transform3s(np.eye(3), np.array([0.0, y, 0.2]))
+        gate = coal.Box(*size), coal.Transform3s(*place(t))
         for item, pose in zip(bodies.geometryObjects, placed.oMg, strict=True):
             body = item.geometry, coal.Transform3s(pose.rotation, pose.translation)
             result = coal.DistanceResult()
@@ -185,6 +190,27 @@ def test_links_are_looked_at_where_obstacles_are_then():
     assert (
         replace(still, arms=quiet.among(carrier.scene.obstacles.copy())).follow(nodes)[1][:, -2] > 0.0
     ).all()
+
+
+def test_arms_carry_past_a_door_that_revolves_in_the_way(tmp_path):
+    """It turns about its middle, in the middle of the way, and never leaves it."""
+    door = {"shape": "box", "center": [0.0, 0.0, 0.2], "size": [0.1, 0.4, 0.5], "name": "door"}
+    door["motion"] = {"turn": {"axis": [0.0, 0.0, 1.0], "rate_deg_per_s": 20.0}}
+    gantry(tmp_path)
+    scene = gantry_scene((door,), duration=DURATION)
+    assert verify(CoordinatedMotion.straight(scene)).verified is None
+    found = comove.solve(scene, robot=Robot.load(tmp_path / "robot.yaml"), budget=60.0)
+    assert found.joints.verified, found.reasons
+
+    def turned(t):
+        return Rotation.from_euler("z", 20.0 * t, degrees=True).as_matrix(), np.array(door["center"])
+
+    joints = found.joints.motion.joints
+    apart, when = least_distance(
+        tmp_path, joints.time, joints.position, joints.joint_names, door["size"], turned
+    )
+    assert apart > 0.005, when
+    assert found.joints.report.clearance_scene <= apart + 2e-4
 
 
 def test_approach_and_release_are_refused_and_the_advice_works():

@@ -622,6 +622,14 @@ def test_a_negative_moment_of_inertia_is_said(wrong, told, tmp_path):
         load(tmp_path, text)
 
 
+def test_a_joint_that_names_its_parent_twice_hangs_on_the_first_and_no_hand_weighs_more(tmp_path):
+    twice = two_joints().replace('<parent link="upper"/>', '<parent link="upper"/><parent link="base"/>')
+    found, right = load(tmp_path, twice), load(tmp_path)
+    assert found.arms[0].hand == right.arms[0].hand == 0.0
+    q = np.array([0.3, 0.7])
+    np.testing.assert_array_equal(found.tool_pose(q, found.arms[0]), right.tool_pose(q, right.arms[0]))
+
+
 LAUGHS = "".join(f'<!ENTITY l{k} "' + f"&l{k - 1};" * 10 + '">' for k in range(1, 10))
 
 

@@ -14,9 +14,9 @@ pytest.importorskip("pinocchio")
 from comove.errors import RobotError
 from comove.robots import Robot
 from comove.robots.description import load_description
-from comove.robots.proposal import examine, propose
-from comove.robots.proposal.homes import HomeSettings
-from comove.robots.proposal.proposal import ProposalSettings, _srdf_beside
+from comove.robots.proposal import examine, homes, propose
+from comove.robots.proposal import proposal as proposals
+from comove.robots.proposal.proposal import _srdf_beside
 from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
@@ -229,15 +229,23 @@ APPROACHES = {  # of published models, by what their makers say of these frames,
     "tiago_pro_description/robots/tiago_pro": dict.fromkeys(("left", "right"), (None, "z")),
     "pr2_description/urdf/pr2": dict.fromkeys(("left", "right"), (None, "x")),
 }
-CHEAP = ProposalSettings(n_samples=1, home=HomeSettings(n_drawn=10, n_tried=1, n_steps=1))
 
 
+@pytest.fixture
+def cheap(monkeypatch):
+    """Where neither homes nor pairs that touch matter."""
+    monkeypatch.setattr(proposals, "N_SAMPLES", 1)
+    for name, count in {"N_DRAWN": 10, "N_TRIED": 1, "N_STEPS": 1}.items():
+        monkeypatch.setattr(homes, name, count)
+
+
+@pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.slow) if k > 3 else name for k, name in enumerate(APPROACHES)],
 )
 def test_published_models_approach_as_their_makers_say(tmp_path, name):
-    robot = propose([f"{ROBOTS}/{name}.urdf"], tmp_path / "made.yaml", settings=CHEAP).robot
+    robot = propose([f"{ROBOTS}/{name}.urdf"], tmp_path / "made.yaml").robot
     assert {arm.name for arm in robot.arms} == set(APPROACHES[name])
     for arm in robot.arms:
         tip, axis = APPROACHES[name][arm.name]
@@ -258,6 +266,7 @@ FIXED = '<joint name="{0}" type="fixed"><parent link="{1}"/><child link="{0}"/><
 QUARTER = np.pi / 2
 
 
+@pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize(
     ("frames", "tip", "axis"),
     [
@@ -277,7 +286,7 @@ def test_a_flange_whose_mass_lies_behind_it_approaches_away_from_the_arm(tmp_pat
     """As those of the UR e-series: 'flange' has x forward, 'tool0' z, as ROS-Industrial has them."""
     more = "".join(f'<link name="{name}"/>{FIXED.format(name, on, rpy)}' for name, on, rpy in frames)
     text = behind((0, 0, -0.03)).replace("</robot>", f"{more}</robot>")
-    (found,) = propose([written(tmp_path, text)], tmp_path / "made.yaml", settings=CHEAP).robot.arms
+    (found,) = propose([written(tmp_path, text)], tmp_path / "made.yaml").robot.arms
     assert found.tip == tip
     np.testing.assert_allclose(found.tool[:3, 2], axis, atol=1e-5)
     np.testing.assert_allclose(found.tool[:3, 3], 0.0, atol=1e-4)
@@ -497,6 +506,7 @@ def test_pairs_that_always_touch_are_not_compared(tmp_path):
     assert frozenset(("base_0", "link2_0")) not in compared
 
 
+@pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize("stroke", [20.0, 1.0])
 def test_joints_that_drive_a_base_are_no_arms_and_those_of_a_gantry_are(tmp_path, stroke):
     """As simulators add them: two that slide, and one that turns a link without a body."""
@@ -512,7 +522,7 @@ def test_joints_that_drive_a_base_are_no_arms_and_those_of_a_gantry_are(tmp_path
     own = tuple(f"joint{k}" for k in range(6))
     base = ("drive_x", "drive_y", "drive_z")
     assert (chain.trunk, chain.joints) == ((base, own) if stroke > 2.0 else ((), base + own))
-    data = propose([written(tmp_path, text)], tmp_path / "robot.yaml", settings=CHEAP).data
+    data = propose([written(tmp_path, text)], tmp_path / "robot.yaml").data
     assert set(data.get("posture", {})) == set(chain.trunk)
 
 
@@ -680,11 +690,12 @@ def test_a_home_keeps_what_search_and_approach_demand(tmp_path, seed):
     assert not any("at home" in fault for fault in examine(robot).faults)
 
 
+@pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize("home", [[2.0, 0.5, 0, 0.5, 0, 0.5], [0, -1.99, 0, 0.5, 0, 0.5]])
 def test_a_home_at_a_limit_is_a_fault_and_the_advice_helps(tmp_path, home):
     path = written(tmp_path, urdf(link("base"), arm("", "base")))
     file = tmp_path / "made.yaml"
-    proposal = propose([path], file, settings=CHEAP)
+    proposal = propose([path], file)
     (entry,) = proposal.data["arms"].values()
     entry["home"] = home
     file.write_text(proposal.text(), encoding="utf-8")

@@ -6,19 +6,23 @@ import yaml
 
 from comove.robots import Robot
 from comove.robots.proposal import examine, homes, propose, scene_of
-from comove.robots.proposal.homes import HomeSettings
-from comove.robots.proposal.proposal import ProposalSettings
+from comove.robots.proposal import proposal as proposals
 from tests.commands import invoke
 from tests.robots.test_proposal import arm, link, urdf, written
 
-QUICK = ProposalSettings(n_samples=20, home=HomeSettings(n_drawn=400, n_tried=40))
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(proposals, "N_SAMPLES", 20)
+    monkeypatch.setattr(homes, "N_DRAWN", 400)
+    monkeypatch.setattr(homes, "N_TRIED", 40)
 
 
 def proposed(tmp_path, around=None):
     sides = {"left_": (0, 0.3, 0.1), "right_": (0, -0.3, 0.1)}
     arms = "".join(arm(side, "base", at, gripper=(0, 0, 1)) for side, at in sides.items())
     made = written(tmp_path, urdf(link("base"), arms))
-    return propose([made], tmp_path / "robot.yaml", around=around, settings=QUICK).robot
+    return propose([made], tmp_path / "robot.yaml", around=around).robot
 
 
 def about(places, size=0.15):
@@ -58,10 +62,10 @@ def test_a_home_in_the_middle_of_a_hollow_mesh_touches_none_of_its_triangles_and
 def test_where_no_hand_points_down_in_the_clear_a_home_is_found_however_it_is_turned(tmp_path, monkeypatch):
     """Whatever settles with its hand down does so where something stands."""
     made, out = written(tmp_path, urdf(link("base"), arm("", "base"))), tmp_path / "robot.yaml"
-    first = propose([made], out, settings=QUICK).robot
+    first = propose([made], out).robot
     around = scene_of(about([first.tool_pose(first.home, first.arms[0])[:3, 3]], 0.12))
     monkeypatch.setattr(homes, "_settled", lambda *_: (first.home, 1.0))
-    moved = propose([made], out, around=around, settings=QUICK).robot
+    moved = propose([made], out, around=around).robot
     assert not any("at home" in fault for fault in examine(moved, around=around).faults)
 
 

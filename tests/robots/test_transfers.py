@@ -273,11 +273,11 @@ def test_a_shelf_above_all_elbows_is_told_before_anything_is_searched(monkeypatc
 def test_where_no_way_is_found_other_joints_are_tried(monkeypatch):
     refused = []
 
-    def never_with_elbows_inwards(motion, **wanted):
+    def never_with_elbows_inwards(motion, *wanted):
         if len(refused) < 1:
             refused.append(motion.joints.position[0])
             return None, {"start": RobotError("no way")}
-        return possible_transfers(motion, **wanted)
+        return possible_transfers(motion, *wanted)
 
     monkeypatch.setattr("comove.robots.solving.possible_transfers", never_with_elbows_inwards)
     found = comove.solve(lifts_scene(), robot=robot("lifts"), approach=True, budget=20.0)
@@ -301,7 +301,7 @@ def test_an_approach_needs_no_release():
     transfers = plan_transfers(motion, release=False)
     assert transfers.release is None and (transfers.approach.position[0] == motion.robot.home).all()
     assert set(parts_of(motion, transfers)) == {"carry", "approach"}
-    found, errors = possible_transfers(motion)
+    found, errors = possible_transfers(motion, True, True, None)
     assert list(errors) == ["goal"] and found.release is None
     assert (found.approach.position == transfers.approach.position).all()
 

@@ -63,7 +63,7 @@ def export(
     planned: Transfers | None = None
     if len(parts) > 1:
         begin = o.present_in(folder, motion, present)
-        planned, errors = possible_transfers(motion, approach=approach, release=release, present=begin)
+        planned, errors = possible_transfers(motion, approach, release, begin)
         for error in errors.values():
             if strict:
                 raise error

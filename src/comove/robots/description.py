@@ -172,9 +172,7 @@ class GripperDescription(Sparse):
 
 
 class ArmDescription(Sparse):
-    """An arm: its last frame, the grasp frame in that frame (z along the approach), and the joint values at home [rad
-    or m].
-    """
+    """An arm: its last frame, the grasp frame in that (z along the approach), and its home [rad or m]."""
 
     LATER = ("home_state", "payload", "gripper")
 

@@ -220,9 +220,7 @@ def _pace_of_torques(robot: Robot, joints: JointMotion, model: Any, fastest: flo
 
 
 def _sampling(samples: Array, step: float = 0.01) -> Array:
-    """Return the instants at which torques are computed [s], `step` apart or less; every second one is in the middle
-    of its neighbours.
-    """
+    """Return instants at most `step` apart [s]; every second one is in the middle of its neighbours."""
     return subdivided(samples, 2 * np.ceil(np.diff(samples) / step - 1e-9).astype(int))[0]
 
 

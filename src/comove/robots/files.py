@@ -394,8 +394,7 @@ def _misshapen(arrays: Arrays) -> list[str]:
 
 
 def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
-    """List the samples that do not fit the others, in words: for each joint, the first array, at its largest
-    deviation.
+    """List, by joint, the array that does not fit the others at its largest deviation, in words.
 
     On a cubic of duration h, v1 - v0 = h/2 (a0 + a1) and q1 - q0 = h/2 (v0 + v1) + h^2/12 (a0 - a1). Where only the
     latter is broken, a position was changed: the one that two such cubics share.

@@ -66,7 +66,7 @@ def require_format(root: ET.Element, path: Path, wanted: str) -> None:
     """Refuse a file of another format than `wanted`, and name the command that converts it."""
     text = None if wanted == MJCF and root.tag != "robot" else _unexpanded(root)
     if text is not None:
-        raise _other(path, f"{XACRO} ({shortened(text)})", wanted)
+        raise _other(path, XACRO, wanted, f" ({shortened(text)})")
     if root.tag == "robot":
         found = SRDF if root.find("link") is None and _tells_pairs(root) else URDF
         if wanted == SRDF and found == URDF and root.find("link") is None:
@@ -109,24 +109,19 @@ def _tells_pairs(root: ET.Element) -> bool:
     return any(root.find(tag) is not None for tag in tags)
 
 
-def _other(path: Path, found: str, wanted: str) -> RobotError:
+def _other(path: Path, found: str, wanted: str, shown: str = "") -> RobotError:
     """Return the error of a file that is of the format `found`."""
-    kind = found.partition(" (")[0]
+    way_out = {
+        XACRO: f"expand it first: pip install xacro, then xacro {path} > robot.urdf",
+        MJCF: f"convert it first: comove robot convert {path} --out FOLDER",
+        URDF: f"describe it first: comove robot new {path} --out robot.yaml",
+        SRDF: "name the URDF, and this file as its `srdf` in the description",
+        DESCRIPTION: f"check it with comove robot check {path}, or name the model in it",
+        SDF: "export it as a URDF from the program that wrote it",
+    }[found]
     if wanted == SRDF:
         way_out = "name the SRDF of the URDF, or leave `srdf` out of the description"
-    elif kind == XACRO:
-        way_out = f"expand it first: pip install xacro, then xacro {path} > robot.urdf"
-    elif found == MJCF:
-        way_out = f"convert it first: comove robot convert {path} --out FOLDER"
-    elif found == URDF:
-        way_out = f"describe it first: comove robot new {path} --out robot.yaml"
-    elif found == SRDF:
-        way_out = "name the URDF, and this file as its `srdf` in the description"
-    elif found == DESCRIPTION:
-        way_out = f"check it with comove robot check {path}, or name the model in it"
-    else:
-        way_out = "export it as a URDF from the program that wrote it"
-    return RobotError(f"it is {found}, not {wanted}", file=path, way_out=way_out)
+    return RobotError(f"it is {found}{shown}, not {wanted}", file=path, way_out=way_out)
 
 
 LinkPair = frozenset[str]
@@ -158,32 +153,33 @@ class Srdf:
 
 
 def srdf_of(root: ET.Element, links: Iterable[str], prefix: str = "") -> Srdf:
-    """Return what an SRDF says of the links of a model; `prefix` is put before all names.
+    """Return what an SRDF says of the links of a model.
+
+    Parameters
+    ----------
+    links : names of the links, with the model's prefix
+    prefix : what the model puts before the names of the SRDF
 
     Raises
     ------
     RobotError
         If an element does not name its links, or a value is not a number.
     """
-    disabled = set(_pairs(root, "disable_collisions"))
-    enabled = set(_pairs(root, "enable_collisions")) - disabled
+    disabled = set(_pairs(root, "disable_collisions", prefix))
+    enabled = set(_pairs(root, "enable_collisions", prefix)) - disabled
     for element in root.iter("disable_default_collisions"):
         if not (link := element.get("link")):
             raise RobotError("a <disable_default_collisions> does not name a link", way_out='write link=""')
-        disabled |= {frozenset((link, other)) for other in links} - enabled
-    return Srdf(_prefixed(disabled, prefix), _prefixed(enabled, prefix), tuple(_states(root, prefix)))
+        disabled |= {frozenset((prefix + link, other)) for other in links} - enabled
+    return Srdf(frozenset(disabled), frozenset(enabled), tuple(_states(root, prefix)))
 
 
-def _pairs(root: ET.Element, tag: str) -> Iterator[LinkPair]:
+def _pairs(root: ET.Element, tag: str, prefix: str) -> Iterator[LinkPair]:
     for element in root.iter(tag):
         first, second = element.get("link1"), element.get("link2")
         if not (first and second):
             raise RobotError(f"a <{tag}> does not name two links", way_out='write link1="" link2=""')
-        yield frozenset((first, second))
-
-
-def _prefixed(pairs: Iterable[LinkPair], prefix: str) -> frozenset[LinkPair]:
-    return frozenset(frozenset(prefix + link for link in pair) for pair in pairs)
+        yield frozenset((prefix + first, prefix + second))
 
 
 def _states(root: ET.Element, prefix: str) -> Iterator[GroupState]:

@@ -11,13 +11,14 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.arrays import Array
+from comove.arrays import Array, Integers
 from comove.model.scene import Scene
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
@@ -27,26 +28,12 @@ from comove.robots.search.links import FATTEST, ROUGH
 from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
 
-
-@dataclass(frozen=True)
-class RoomSettings:
-    """Settings of ways through free space.
-
-    Attributes
-    ----------
-    spares : clearances beyond what is required, of which a pair keeps the first that it has at both ends [m]
-    step : length of an extension of a tree, at most [m]
-    most_nodes : nodes of both trees, at most
-    n_shortcuts : attempts to shorten a way
-    near_the_line, spread : share of random configurations near the straight way, and how far they are from it [rad]
-    """
-
-    spares: tuple[float, ...] = (0.02, 0.01, 0.004)
-    step: float = 0.5
-    most_nodes: int = 2000
-    n_shortcuts: int = 150
-    near_the_line: float = 0.5
-    spread: float = 0.5
+# m, clearances beyond what is required, of which a pair keeps the first that it has at both ends
+SPARES = (0.02, 0.01, 0.004)
+STEP = 0.5  # m, length of an extension of a tree, at most
+MOST_NODES = 2000  # of both trees
+N_SHORTCUTS = 150  # attempts to shorten a way
+NEAR_THE_LINE, SPREAD = 0.5, 0.5  # share of random configurations near the straight way, and rad from it
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +45,6 @@ class Room:
     bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
     arms : the arms that move; those that are where they should be stand still
     spare : array, shape (n_pairs,), clearance kept beyond the required one [m]
-    settings : settings of the search
     outline : the arms as capsules, which save most of the exact checks; None to have all
     clock : clock of a search without a deadline
     """
@@ -66,21 +52,12 @@ class Room:
     bodies: Bodies
     arms: tuple[Arm, ...]
     spare: Array
-    settings: RoomSettings = RoomSettings()
     outline: Outline | None = None
     clock: Array = field(default_factory=clock_until)
 
     @classmethod
-    def for_ends(
-        cls,
-        bodies: Bodies,
-        scene: Scene,
-        ends: Array,
-        nodes: Array | None,
-        settings: RoomSettings = RoomSettings(),
-    ) -> Room:
-        """Return the free space for ways between two configurations, in which every pair of bodies keeps as much to
-        spare as it has at both.
+    def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
+        """Return the free space in which pairs keep as much to spare as they have at both ends.
 
         Parameters
         ----------
@@ -88,17 +65,14 @@ class Room:
         ends : array, shape (2, n_joints)
         nodes : array, shape (n_nodes, 3), nodes of the load [m]; None where there is none
         """
-        spare, robot = np.full(len(bodies.kind), settings.spares[0]), bodies.robot
-        for lower in settings.spares[1:]:
+        spare, robot = np.full(len(bodies.kind), SPARES[0]), bodies.robot
+        for lower in SPARES[1:]:
             room = cls(bodies, robot.arms, spare)
             spare = spare.copy()
             near = [number for q in ends for number in room._touching(q)]
             spare[np.isin(bodies.exact, near)] = lower
         arms = tuple(arm for arm in robot.arms if (ends[0] != ends[1])[arm.columns].any())
-        room, eased = (
-            cls(bodies, arms, spare, settings),
-            float(bodies.required[SCENE] - bodies.required[SELF]),
-        )
+        room, eased = cls(bodies, arms, spare), float(bodies.required[SCENE] - bodies.required[SELF])
         outline = Outline.between(robot, scene, ends, nodes, keep=room._limits[0], eased=eased)
         return replace(room, outline=outline)
 
@@ -119,18 +93,14 @@ class Room:
 
     @cached_property
     def _first(self) -> _Pairs:
-        """Return the pairs that are checked first, of bodies that joints move apart: hulls in place of the pairs that
-        they hold.
-        """
+        """Return the pairs that are checked first: of bodies that move, hulls for the pairs that they hold."""
         exact, moves = self.bodies.exact, self.bodies.joint_reach.any(axis=1)
         held = exact[exact != np.arange(len(exact))]
         return _Pairs.of(self.bodies, np.setdiff1d(np.flatnonzero(moves), held), self._required)
 
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:
-        """Return rows of the pairs that are checked first: of two links by the names of both bodies, of a link with
-        an obstacle or the load by its body's name.
-        """
+        """Return rows of `_first` by the names of both links, or of the only one with obstacles and load."""
         items, numbers = self.bodies.geometry.geometryObjects, self._first.numbers
         ends, alone = self.bodies.ends[numbers].tolist(), self.bodies.kind[numbers] != SELF
         rows = defaultdict[frozenset[str], list[int]](list)
@@ -141,13 +111,10 @@ class Room:
 
     @cached_property
     def _limits(self) -> tuple[float, float]:
-        """Return the clearances of the outline above which all is surely free, and at which it is surely blocked
-        [m].
-        """
-        required = float(self.bodies.required.max())
-        return float(self._required.max(initial=0.0)) + PROUDEST + ROUGH, required + float(
-            self.spare.min(initial=self.settings.spares[0])
-        ) - FATTEST
+        """Return the outline's clearances above which all is free, and at which it is blocked [m]."""
+        enough = float(self._required.max(initial=0.0)) + PROUDEST + ROUGH
+        spare = float(self.spare.min(initial=SPARES[0]))
+        return enough, float(self.bodies.required.max()) + spare - FATTEST
 
     @cached_property
     def _moves(self) -> NDArray[np.bool_]:
@@ -174,15 +141,13 @@ class Room:
         apart = outline.clearances(q, enough, blocked)
         if not (apart > blocked).all():
             return False
-        if any(self._touching(one, self._doubtful(outline, one, enough)) for one in q[apart < enough]):
-            return False
+        for one in q[apart < enough]:
+            about, near = outline.near(one, enough)
+            names = outline.untold | near | {frozenset((name,)) for name in about}
+            if self._touching(one, self._rows(names)):
+                return False
         untold = self._rows(outline.untold)
         return not (untold and any(self._touching(one, untold) for one in q[apart >= enough]))
-
-    def _doubtful(self, outline: Outline, q: Array, enough: float) -> list[int]:
-        """Return which of the pairs that are checked first the outline does not tell to be apart."""
-        about, near = outline.near(q, enough)
-        return self._rows(outline.untold | near | {frozenset((name,)) for name in about})
 
     def _rows(self, names: frozenset[frozenset[str]]) -> list[int]:
         """Return which of the pairs that are checked first have these names."""
@@ -207,11 +172,11 @@ class Room:
 
     def draw(self, nodes: Array, counts: Array, this: int, rng: np.random.Generator, out: Array) -> bool:
         """Write random joints, some of them near the straight way between both ends."""
-        robot, how, start, goal = self.bodies.robot, self.settings, nodes[0, 0], nodes[1, 0]
-        if rng.random() > how.near_the_line:
+        robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
+        if rng.random() > NEAR_THE_LINE:
             q = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
         else:
-            q = start + rng.random() * (goal - start) + how.spread * rng.standard_normal(len(start))
+            q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
         out[:] = np.where(self._moves, np.clip(q, robot.lower, robot.upper), start)
         return True
 
@@ -221,7 +186,7 @@ class Room:
 
     def extend(self, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
         """Write the node at most so many steps from p towards q; return whether the edge is free."""
-        away, most = self.length(p, q), steps * self.settings.step
+        away, most = self.length(p, q), steps * STEP
         share = 1.0 if away <= most else most / away
         out[:] = q if share == 1.0 else p + share * (q - p)
         if away == 0.0 or not (self.is_free(out) and self.is_free_between(p, out)):
@@ -241,9 +206,11 @@ class Room:
         """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
         changes = self.bodies.joint_reach @ np.abs(second - first)
         count = int(np.ceil((changes / (2.0 * self.spare)).max(initial=0.0)))
-        shares = np.arange(1, count) / max(count, 1)
-        coarse_first = shares[np.argsort([_bits(k) for k in range(1, count)])] if count > 2 else shares
-        return count < 2 or self.are_free(first + coarse_first[:, None] * (second - first))
+        width = count.bit_length()
+        # By their bits from the last to the first, numbers come that are far from all earlier ones.
+        coarse_first = sorted(range(1, count), key=lambda k: int(f"{k:0{width}b}"[::-1], 2))
+        shares = np.array(coarse_first)[:, None] / count
+        return count < 2 or self.are_free(first + shares * (second - first))
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,11 +229,11 @@ class _Pairs:
     kinematics: Any
     geometry: Any
     data: Any
-    numbers: NDArray[np.int64]
+    numbers: Integers
     required: Array
 
     @classmethod
-    def of(cls, bodies: Bodies, numbers: NDArray[np.int64], required: Array) -> _Pairs:
+    def of(cls, bodies: Bodies, numbers: Integers, required: Array) -> _Pairs:
         """Return some pairs of bodies, which are copied."""
         which, model = np.isin(np.arange(len(bodies.kind)), numbers), bodies.robot.model
         geometry = bodies.some(which).geometry
@@ -292,10 +259,8 @@ class _Pairs:
 
     def is_near(self, k: int) -> bool:
         """Return whether the k-th pair is too near where the bodies were put."""
-        distance = pin.computeDistance(
-            self.geometry, self.data, k
-        ).min_distance  # for meshes faster than a margin
-        return bool(distance < self.required[k])
+        result = pin.computeDistance(self.geometry, self.data, k)  # for meshes faster than a margin
+        return bool(result.min_distance < self.required[k])
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
@@ -308,13 +273,13 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     if not room.are_free(np.stack([start, goal])):
         return None
     for path in _simple(room, start, goal):
-        if room.are_free(path[1:-1]) and _is_free_along(room, path):
+        if room.are_free(path[1:-1]) and all(room.is_free_between(a, b) for a, b in pairwise(path)):
             return path
-    nothing, how = np.empty((0, len(start))), room.settings
-    path = rrt_connect.py_func(room, start, goal, 0.0, rng, how.most_nodes, 20 * how.most_nodes, nothing)
+    nothing = np.empty((0, len(start)))
+    path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
     if len(path) == 0:
         return None
-    path = shortened.py_func(room, path, 0.0, rng, how.n_shortcuts)
+    path = shortened.py_func(room, path, 0.0, rng, N_SHORTCUTS)
     return path[_corners(path)]
 
 
@@ -327,10 +292,6 @@ def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
         yield np.stack([start, between, goal])
 
 
-def _is_free_along(room: Room, path: Array) -> bool:
-    return all(room.is_free_between(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
-
-
 def _corners(path: Array) -> list[int]:
     """Return the indices of both ends and of the configurations at which the path turns."""
     kept = [0]
@@ -341,11 +302,3 @@ def _corners(path: Array) -> list[int]:
             if share < 1.0 - 1e-12:
                 kept.append(k)
     return [*kept, len(path) - 1]
-
-
-def _bits(number: int) -> float:
-    """Return a term of the van der Corput sequence; sorted by it, numbers far from all earlier ones come first."""
-    value, share = 0.0, 0.5
-    while number:
-        value, share, number = value + share * (number & 1), 0.5 * share, number >> 1
-    return value

@@ -1,263 +1,37 @@
-"""Grippers: models or shapes that a description fixes to the tips of arms, where a robot's URDF has none.
-
-A gripper's links and joints become part of the URDF of its arm, by a fixed joint at the tip. Search, verification,
-simulators and pictures take them for links like others. Its joints stay at the posture of the description.
-"""
+"""Grippers that a robot's model lacks where its arms hold the payload."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import coal
 import numpy as np
-import pinocchio as pin
 
-from comove.errors import RobotError, near_name
-from comove.geometry.rotations import matrices
-from comove.robots.description import (
-    ArmDescription,
-    GripperDescription,
-    GripperShape,
-    ModelSource,
-    Placement,
-    RobotFile,
-    errors_in,
-)
-from comove.robots.formats import Srdf
-from comove.robots.urdf import OF_JOINT, Source, read_source, source_of
+from comove.robots.model import Arm, Robot
 
 NEAR = 0.05  # m, from the grasp frame, within which a gripper has a body
 BEYOND = 0.01  # m, along the approach, by which a hand in one piece reaches beyond the grasp frame
 FLANGE = 0.02  # m, from the grasp frame, within which an arm's own last link holds the payload
 POINT = 1e-6  # m, radius of a ball that stands for a point
-BODY = "body"  # name of the one link of shapes
-COLOUR = "0.35 0.37 0.4 1"
-
-
-def with_grippers(
-    sources: tuple[Source, ...], description: RobotFile, file: Path, digest: Any
-) -> tuple[Source, ...]:
-    """Return the models with the grippers of the description fixed to the tips of their arms.
-
-    Parameters
-    ----------
-    file, digest : as of `comove.robots.urdf.read_source`
-
-    Raises
-    ------
-    RobotError
-        If a gripper or the tip of its arm is missing, or it cannot be used.
-    """
-    for name, arm in description.arms.items():
-        if arm.gripper is None:
-            continue
-        gripper = _read(name, arm.gripper, description, file, digest)
-        with errors_in(file):
-            sources = _attached(sources, gripper, name, arm, arm.gripper)
-    return sources
-
-
-def _read(name: str, gripper: GripperDescription, description: RobotFile, file: Path, digest: Any) -> Source:
-    """Read the gripper of an arm as a model of its own."""
-    prefix = _prefix_of(name, gripper)
-    try:
-        if gripper.shapes is not None:
-            model, tree = ModelSource(urdf=str(file), prefix=prefix), _tree_of(gripper.shapes)
-            read = source_of(tree, file, model, description, file, digest)
-            read = replace(read, masses={prefix + BODY: gripper.mass or 0.0})
-        else:
-            model = ModelSource(urdf=gripper.urdf or "", srdf=gripper.srdf, prefix=prefix)
-            read = read_source(model, description, file, digest, fixed=True)
-    except RobotError as error:
-        if error.file in (None, file):
-            error.key = error.key or f"arms.{name}.gripper"
-        raise
-    return read
-
-
-def _prefix_of(name: str, gripper: GripperDescription) -> str:
-    """Return what is put before all names of the gripper of an arm."""
-    return f"{name}_gripper_" if gripper.prefix is None else gripper.prefix
-
-
-def _free_name(name: str, taken: Collection[str]) -> str:
-    """Return a name that is not taken."""
-    return name if name not in taken else _free_name(f"{name}_", taken)
-
-
-def _tip_of(trees: Sequence[ET.Element], tip: str, key: str) -> tuple[int, str]:
-    """Return the number of the model that has a frame, and the link that the frame belongs to.
-
-    A joint's frame is that of the link which it moves.
-    """
-    links = []
-    for number, tree in enumerate(trees):
-        links += [str(link.get("name")) for link in tree.findall("link")]
-        if tip in links:
-            return number, tip
-    for number, tree in enumerate(trees):
-        for joint in tree.findall("joint"):
-            if joint.get("name") == tip.removesuffix(OF_JOINT):
-                return number, str(joint.find("child").get("link"))  # type: ignore[union-attr]  # sound
-    raise RobotError(f"there is no frame '{tip}'", key=key, way_out=near_name(tip, links))
-
-
-def _tree_of(shapes: Sequence[GripperShape]) -> ET.Element:
-    """Return a URDF of one link that has the shapes for bodies."""
-    robot = ET.Element("robot", name="gripper")
-    link = ET.SubElement(robot, "link", name=BODY)
-    for shape in shapes:
-        for element, place in _geometry(shape):
-            for role in ("visual", "collision"):
-                part = ET.SubElement(link, role)
-                _write_place(part, place)
-                ET.SubElement(part, "geometry").append(ET.fromstring(ET.tostring(element)))
-                if role == "visual":
-                    colour = ET.SubElement(part, "material", name="gripper")
-                    ET.SubElement(colour, "color", rgba=COLOUR)
-    return robot
-
-
-def _geometry(shape: GripperShape) -> Iterator[tuple[ET.Element, Any]]:
-    """Yield the elements of a shape that a URDF knows, and their placements; a capsule is three."""
-    place = _se3(Placement(position=shape.center, quaternion_wxyz=shape.quaternion_wxyz))
-    radius, length = repr(shape.radius), repr(shape.height or shape.length)
-    if shape.shape == "box":
-        yield ET.Element("box", size=" ".join(map(repr, shape.size or ()))), place
-    elif shape.shape == "mesh":
-        scale = " ".join([repr(shape.scale or 1.0)] * 3)
-        yield ET.Element("mesh", filename=shape.file or "", scale=scale), place
-    elif shape.shape == "sphere":
-        yield ET.Element("sphere", radius=radius), place
-    else:
-        yield ET.Element("cylinder", radius=radius, length=length), place
-    if shape.length is not None:
-        for end in (-0.5 * shape.length, 0.5 * shape.length):
-            yield ET.Element("sphere", radius=radius), place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end]))
-
-
-def _se3(placement: Placement) -> Any:
-    return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
-
-
-def _write_place(element: ET.Element, place: Any) -> None:
-    """Add where a joint or a body is to its element of a URDF."""
-    xyz, rpy = (
-        " ".join(map(repr, values.tolist()))
-        for values in (place.translation, pin.rpy.matrixToRpy(place.rotation))
-    )
-    ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
-
-
-def _attached(
-    sources: tuple[Source, ...], gripper: Source, name: str, arm: ArmDescription, given: GripperDescription
-) -> tuple[Source, ...]:
-    """Return the models with a gripper in that of its arm."""
-    key, prefix = f"arms.{name}.gripper", _prefix_of(name, given)
-    trees = [ET.fromstring(source.urdf) for source in sources]
-    at, link = _tip_of(trees, arm.tip, f"arms.{name}.tip")
-    source, tree, part = sources[at], trees[at], ET.fromstring(gripper.urdf)
-    taken = {str(element.get("name")) for one in trees for element in one if element.tag in ("link", "joint")}
-    own = [str(element.get("name")) for element in part if element.tag in ("link", "joint")]
-    if twice := [one for one in own if one in taken]:
-        raise RobotError(
-            f"there is a link or joint '{twice[0]}' in the models or another gripper",
-            key=f"{key}.prefix",
-            way_out=f"give this gripper another prefix: prefix: {name}_{prefix}",
-        )
-    links = [str(element.get("name")) for element in tree.findall("link")]
-    for touched in given.touch_links:
-        if touched not in links:
-            raise RobotError(
-                f"there is no link '{touched}' in the model of the arm",
-                key=f"{key}.touch_links",
-                way_out=near_name(touched, links),
-            )
-    children = {child.get("link") for child in part.findall("joint/child")}
-    hands = [str(element.get("name")) for element in part.findall("link")]
-    root = next(hand for hand in hands if hand not in children)
-    for material in part.iter("material"):  # the arm may have others of their names
-        material.set("name", prefix + material.get("name", ""))
-    joint = ET.SubElement(tree, "joint", name=_free_name(f"{prefix}mount", taken.union(own)), type="fixed")
-    ET.SubElement(joint, "parent", link=link)
-    ET.SubElement(joint, "child", link=root)
-    _write_place(joint, _se3(given.mount))
-    tree.extend(part)
-    touching = {frozenset((hand, touched)) for hand in hands for touched in given.touch_links}
-    disabled = source.srdf.disabled | gripper.srdf.disabled | touching
-    # The last joint's neighbours are kept apart from it too: only by mistake does a gripper touch them.
-    enabled = {
-        frozenset((hand, other)) for hand in hands for other in links if other not in source.gripper_links
-    }
-    whole = replace(
-        source,
-        urdf=ET.tostring(tree, encoding="unicode"),
-        srdf=Srdf(
-            disabled, source.srdf.enabled | (enabled - disabled), (*source.srdf.states, *gripper.srdf.states)
-        ),
-        mimics={**source.mimics, **gripper.mimics},
-        limits={**source.limits, **gripper.limits},
-        meshes={**source.meshes, **gripper.meshes},
-        files=tuple(dict.fromkeys([*source.files, *gripper.files])),
-        gripper_links=source.gripper_links | set(hands),
-        masses={**source.masses, **gripper.masses},
-    )
-    return (*sources[:at], whole, *sources[at + 1 :])
-
-
-class Equipped(Protocol):
-    """A robot as its grippers see it: attributes and methods of `comove.robots.model.Robot`."""
-
-    @property
-    def sources(self) -> tuple[Source, ...]: ...
-    @property
-    def arms(self) -> tuple[Any, ...]: ...
-    @property
-    def model(self) -> Any: ...
-    @property
-    def collision(self) -> Any: ...
-    @property
-    def home(self) -> Any: ...
-    def grasp_frame(self, arm: Any) -> tuple[int, Any]: ...
-
-
-def gripper_links(robot: Equipped, arm: Any) -> frozenset[str]:
-    """Return the names of the links of the gripper that the description gives to an arm."""
-    links = {link for source in robot.sources for link in source.gripper_links}
-    joint, _ = robot.grasp_frame(arm)
-    frames = (robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)] for link in sorted(links))
-    return frozenset(frame.name for frame in frames if frame.parentJoint == joint)
 
 
 @lru_cache(maxsize=8)
-def without_gripper(robot: Equipped) -> tuple[str, ...]:
+def without_gripper(robot: Robot) -> tuple[str, ...]:
     """Return the names of the arms whose models have no gripper where they hold the payload.
 
     An arm has one if a body that moves with its hand is within `NEAR` of its grasp frame, and belongs to a finger or
     to the gripper of the description, reaches beyond the grasp frame along the approach, or is not that of the arm's
     last link, which ends before. So a bare flange is none, nor is a grasp frame in the air.
     """
-    above = {}  # the link above each link, and whether a joint between them could move
-    moved_by = {}
-    for source in robot.sources:
-        for joint in ET.fromstring(source.urdf).findall("joint"):
-            parent, child = (str(joint.find(end).get("link")) for end in ("parent", "child"))  # type: ignore[union-attr]
-            above[child] = parent, joint.get("type") != "fixed"
-            moved_by[joint.get("name")] = child
-    return tuple(arm.name for arm in robot.arms if not _has_gripper(robot, arm, moved_by, above))
+    return tuple(arm.name for arm in robot.arms if not _has_gripper(robot, arm))
 
 
-def _has_gripper(
-    robot: Equipped, arm: Any, moved_by: dict[str | None, str], above: dict[str, tuple[str, bool]]
-) -> bool:
+def _has_gripper(robot: Robot, arm: Arm) -> bool:
     joint, grasp = robot.grasp_frame(arm)
-    last = moved_by[robot.model.names[joint]]
-    given, ends_at, rigid = gripper_links(robot, arm), np.inf, False
+    names = {name: link for link, (name, *_) in robot.joints_above.items()}
+    last = names[robot.model.names[joint]]
+    given, ends_at, rigid = robot.gripper_links(arm), np.inf, False
     for item in robot.collision.geometryObjects:
         if item.parentJoint != joint:
             continue
@@ -267,7 +41,7 @@ def _has_gripper(
             ends_at = min(ends_at, away)
         if away > NEAR:
             continue
-        if link in given or _is_finger(link, last, above):
+        if link in given or _is_finger(robot, link, last):
             return True
         beyond = coal.Halfspace(np.array([0.0, 0.0, -1.0]), -BEYOND)
         if _distance(item.geometry, place, beyond) < 0.0:
@@ -276,10 +50,10 @@ def _has_gripper(
     return rigid and ends_at > FLANGE
 
 
-def _is_finger(link: str, last: str, above: dict[str, tuple[str, bool]]) -> bool:
+def _is_finger(robot: Robot, link: str, last: str) -> bool:
     """Return whether a joint that could move is between a link and the last one of its arm."""
     while link != last:
-        link, moves = above[link]
+        _, link, moves = robot.joints_above[link]
         if moves:
             return True
     return False
@@ -290,41 +64,3 @@ def _distance(shape: Any, place: Any, other: Any) -> float:
     placed = coal.Transform3s(place.rotation, place.translation)
     coal.distance(shape, placed, other, coal.Transform3s(), coal.DistanceRequest(), result)
     return float(result.min_distance)
-
-
-def require_apart(robot: Equipped) -> None:
-    """Refuse grippers that touch their own arm at home.
-
-    Raises
-    ------
-    RobotError
-        If one does; the message names both links.
-    """
-    if not any(source.gripper_links for source in robot.sources):
-        return
-    geometry, model = robot.collision.copy(), robot.model
-    names = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
-    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-    geometry.removeAllCollisionPairs()
-    found = []
-    for arm in robot.arms:
-        own, chain = gripper_links(robot, arm), set(model.supports[robot.grasp_frame(arm)[0]])
-        for pair in pairs:
-            ours = [names[one] in own for one in pair]
-            other = geometry.geometryObjects[pair[ours.index(False)]] if ours.count(True) == 1 else None
-            if other is not None and other.parentJoint in chain:
-                geometry.addCollisionPair(pin.CollisionPair(*pair))
-                found.append((arm, pair))
-    placed = geometry.createData()
-    pin.computeCollisions(model, model.createData(), geometry, placed, robot.home, False)
-    for (arm, pair), result in zip(found, placed.collisionResults, strict=True):
-        if result.isCollision():
-            hand, other = sorted(
-                (names[one] for one in pair), key=lambda link: link not in gripper_links(robot, arm)
-            )
-            raise RobotError(
-                f"at home the gripper's link '{hand}' touches '{other}' of its own arm",
-                key=f"arms.{arm.name}.gripper",
-                way_out="correct its mount or the home, or let it touch that link: "
-                f"gripper: {{touch_links: ['{other}']}}",
-            )

@@ -6,7 +6,7 @@ They are guessed only where nothing that a joint moves has a mass: models often 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -16,12 +16,12 @@ import pinocchio as pin
 
 from comove.arrays import Array
 from comove.errors import RobotError
+from comove.robots.soundness import MOMENTS, ends_of
 from comove.robots.urdf import Source
 from comove.ties import ROUNDING
 
 DENSITY = 1000.0  # kg/m^3
 MAX_TOLD = 6
-MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
 def moved_masses(model: Any, without: float | Array = 0.0) -> Array:
@@ -40,36 +40,34 @@ def moved_masses(model: Any, without: float | Array = 0.0) -> Array:
 
 def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
     """Return the mass of all links beyond the one that a joint moves [kg]: of the hand, if it is an arm's last."""
-    tree = next(tree for tree in (ET.fromstring(source.urdf) for source in sources) if _has(tree, joint))
-    below, link = dict[str, list[str]](), ""
-    for each in tree.findall("joint"):
-        parent, child = (end.get("link", "") for tag in ("parent", "child") for end in each.findall(tag))
+    for source in sources:
+        ends = {each.get("name", ""): ends_of(each) for each in ET.fromstring(source.urdf).findall("joint")}
+        if joint in ends:
+            break
+    below = dict[str, list[str]]()
+    for parent, child in ends.values():
         below.setdefault(parent, []).append(child)
-        link = child if each.get("name") == joint else link
-    beyond = list(below.get(link, []))
+    beyond = list(below.get(ends[joint][1], []))
     for name in beyond:
         beyond += below.get(name, [])
-    masses = {
-        each.get("name", ""): float(mass.get("value", "0"))
-        for each in tree.findall("link")
-        for mass in each.findall("inertial/mass")
-    }
+    masses = _link_masses(source.urdf)
     return sum(masses.get(name, 0.0) for name in beyond)
 
 
-def _has(tree: ET.Element, joint: str) -> bool:
-    return any(each.get("name") == joint for each in tree.findall("joint"))
-
-
-def masses_of(urdf: str, links: Iterable[str], model: Any) -> Array:
+def masses_of(urdf: str, links: Collection[str], model: Any) -> Array:
     """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
-    masses, wanted = np.zeros(model.njoints), set(links)
-    for link in ET.fromstring(urdf).findall("link") if wanted else ():
-        mass = link.find("inertial/mass")
-        if mass is not None and link.get("name") in wanted:
-            frame = model.frames[model.getFrameId(link.get("name"), pin.FrameType.BODY)]
-            masses[frame.parentJoint] += float(mass.get("value", "0"))
+    masses = np.zeros(model.njoints)
+    for link, mass in _link_masses(urdf).items() if links else ():
+        if link in links:
+            masses[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentJoint] += mass
     return masses
+
+
+def _link_masses(urdf: str) -> dict[str, float]:
+    links = (
+        (link.get("name", ""), link.find("inertial/mass")) for link in ET.fromstring(urdf).findall("link")
+    )
+    return {name: float(mass.get("value", "0")) for name, mass in links if mass is not None}
 
 
 def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Source, str | None]:

@@ -6,6 +6,7 @@ import hashlib
 import sysconfig
 import tempfile
 import warnings
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,16 +17,13 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from comove.arrays import Array
+from comove.arrays import Array, Integers
 from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
-from comove.geometry.rotations import matrices
 from comove.robots.description import (
     BUNDLED,
     ArmDescription,
-    Placement,
     RobotFile,
     errors_in,
     find_description,
@@ -33,8 +31,9 @@ from comove.robots.description import (
 )
 from comove.robots.formats import GroupState, Srdf
 from comove.robots.further_limits import FurtherLimits, in_radians_or_metres
-from comove.robots.grippers import gripper_links, require_apart, with_grippers
 from comove.robots.masses import mass_beyond, masses_of, moved_masses, with_guessed_masses
+from comove.robots.mounting import se3_of, with_grippers
+from comove.robots.soundness import ends_of
 from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 LARGEST_BODY = 50.0  # m, radius of a collision body
@@ -60,7 +59,7 @@ class Arm:
 
     name: str
     tip: str
-    columns: NDArray[np.int64]
+    columns: Integers
     tool: Array
     home: Array
     fingers: tuple[str, ...]
@@ -124,7 +123,7 @@ class Robot:
         path = find_description(robot, folder)
         loaded = assembled(load_description(path), path)
         with errors_in(path):
-            require_apart(loaded)
+            _require_grippers_apart(loaded)
         return loaded
 
     @property
@@ -162,11 +161,18 @@ class Robot:
         )
 
     def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
-        """Return the joint that moves an arm's grasp frame, by its number in the model, and the frame's placement in
-        that joint's, as Pinocchio's SE3.
-        """
+        """Return the number of the joint that moves a grasp frame, and its placement in that as SE3."""
         tip = self.model.frames[self.model.getFrameId(arm.tip)]
         return tip.parentJoint, tip.placement * pin.SE3(arm.tool)
+
+    def gripper_links(self, arm: Arm) -> frozenset[str]:
+        """Return the names of the links of the gripper that the description gives to an arm."""
+        links = {link for source in self.sources for link in source.gripper_links}
+        joint, _ = self.grasp_frame(arm)
+        frames = (
+            self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)] for link in sorted(links)
+        )
+        return frozenset(frame.name for frame in frames if frame.parentJoint == joint)
 
     def tool_pose(self, q: Array, arm: Arm) -> Array:
         """Compute the pose of the arm's grasp frame in the scene; array, shape (4, 4)."""
@@ -186,6 +192,13 @@ class Robot:
             for i, frame in enumerate(frames):
                 poses[step, i] = data.oMf[frame].homogeneous @ arms[i].tool
         return poses
+
+    @cached_property
+    def joints_above(self) -> dict[str, tuple[str, str, bool]]:
+        """Return by link the joint above it, the link above that, and whether the joint could move."""
+        joints = (joint for source in self.sources for joint in ET.fromstring(source.urdf).findall("joint"))
+        ends = ((joint.get("name", ""), *ends_of(joint), joint.get("type") != "fixed") for joint in joints)
+        return {child: (name, parent, moves) for name, parent, child, moves in ends}
 
     @cached_property
     def _data(self) -> Any:
@@ -214,25 +227,56 @@ def assembled(description: RobotFile, file: Path) -> Robot:
     return robot
 
 
+def _require_grippers_apart(robot: Robot) -> None:
+    """Refuse grippers that touch their own arm at home."""
+    if not any(source.gripper_links for source in robot.sources):
+        return
+    geometry, model = robot.collision.copy(), robot.model
+    names = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    geometry.removeAllCollisionPairs()
+    found = []
+    for arm in robot.arms:
+        own, chain = robot.gripper_links(arm), set(model.supports[robot.grasp_frame(arm)[0]])
+        for pair in pairs:
+            ours = [names[one] in own for one in pair]
+            other = geometry.geometryObjects[pair[ours.index(False)]] if ours.count(True) == 1 else None
+            if other is not None and other.parentJoint in chain:
+                geometry.addCollisionPair(pin.CollisionPair(*pair))
+                found.append((arm, pair))
+    placed = geometry.createData()
+    pin.computeCollisions(model, model.createData(), geometry, placed, robot.home, False)
+    for (arm, pair), result in zip(found, placed.collisionResults, strict=True):
+        if result.isCollision():
+            hand, other = sorted(
+                (names[one] for one in pair), key=lambda link: link not in robot.gripper_links(arm)
+            )
+            raise RobotError(
+                f"at home the gripper's link '{hand}' touches '{other}' of its own arm",
+                key=f"arms.{arm.name}.gripper",
+                way_out="correct its mount or the home, or let it touch that link: "
+                f"gripper: {{touch_links: ['{other}']}}",
+            )
+
+
 def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
-    """Build all models as one, each on its base, and their collision geometry; returns the sources as well, with
-    masses that were guessed.
-    """
+    """Build all models as one on their bases, with masses that were guessed in the sources."""
     with tempfile.TemporaryDirectory() as folder:
         loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
         sources, models, geometries = zip(
             *(_built(source, Path(folder), loader) for source in read), strict=True
         )
     model, collision = models[0], geometries[0]
-    _move_base(model, collision, _se3(sources[0].base))
+    _move_base(model, collision, se3_of(sources[0].base))
     for source, part, geometry in zip(sources[1:], models[1:], geometries[1:], strict=True):
-        if twice := _frame_names(model) & _frame_names(part):
+        names, own = ({frame.name for frame in one.frames} for one in (model, part))
+        if twice := (names & own) - {"universe"}:
             raise RobotError(
                 f"two models have a link or joint '{min(twice)}'",
                 key="models",
                 way_out="give one a prefix: prefix: right_",
             )
-        model, collision = pin.appendModel(model, part, collision, geometry, 0, _se3(source.base))
+        model, collision = pin.appendModel(model, part, collision, geometry, 0, se3_of(source.base))
     return sources, model, collision
 
 
@@ -259,10 +303,6 @@ def _apply_soft_limits(model: Any, further: Mapping[str, FurtherLimits]) -> None
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
 
 
-def _frame_names(model: Any) -> set[str]:
-    return {frame.name for frame in model.frames} - {"universe"}
-
-
 def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]:
     """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder.
 
@@ -286,7 +326,7 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]
             raise RobotError(
                 f"the model cannot be built: {reason}", way_out="correct the URDF, or its mesh"
             ) from failure
-        _check_bodies(model, geometry)
+        _check_bodies(geometry)
     source, note = with_guessed_masses(source, model, geometry)
     if note is not None:
         warnings.warn(f"{source.file}: {note}", ComoveWarning, stacklevel=2)
@@ -312,8 +352,8 @@ def _reason(error: Exception) -> str:
     return ", ".join(text.partition("\nHint")[0].split("\n")).strip(" ,.") or type(error).__name__
 
 
-def _check_bodies(model: Any, geometry: Any) -> None:
-    """Refuse collision bodies and masses of impossible size."""
+def _check_bodies(geometry: Any) -> None:
+    """Refuse collision bodies of impossible size."""
     for item in geometry.geometryObjects:
         item.geometry.computeLocalAABB()
         radius = item.geometry.aabb_radius
@@ -322,18 +362,10 @@ def _check_bodies(model: Any, geometry: Any) -> None:
                 f"the collision body '{item.name}' is {2 * radius:.3g} m wide",
                 way_out='write metres; a mesh in millimetres takes scale="0.001 0.001 0.001"',
             )
-    for name, body in zip(model.names, model.inertias, strict=True):
-        if body.mass < 0:
-            raise RobotError(
-                f"what the joint '{name}' moves has the mass {body.mass:g} kg",
-                way_out="correct the <inertial> of its link",
-            )
 
 
 def _compare(model: Any, geometry: Any, srdf: Srdf) -> None:
-    """Compare all pairs of bodies but those that one joint connects, as they touch where they are joined, and those
-    that the SRDF leaves out.
-    """
+    """Compare all pairs of bodies but neighbours, which touch, and those that the SRDF leaves out."""
     items = list(geometry.geometryObjects)
     joints = np.array([item.parentJoint for item in items], dtype=int)
     parents = np.array(model.parents)[joints]
@@ -370,10 +402,6 @@ def _move_base(model: Any, geometry: Any, placement: Any) -> None:
             item.placement = placement * item.placement
 
 
-def _se3(placement: Placement) -> Any:
-    return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
-
-
 def _require_known(named: Iterable[str], known: list[str], key: str, kind: str = "joint") -> None:
     for name in named:
         if name not in known:
@@ -405,9 +433,7 @@ def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
                 )
         if not chain:
             raise RobotError(
-                f"no joint moves the frame '{arm.tip}'",
-                key=f"arms.{name}.tip",
-                way_out="name another",
+                f"no joint moves the frame '{arm.tip}'", key=f"arms.{name}.tip", way_out="name another"
             )
         _require_known(arm.fingers, list(model.names)[1:], f"arms.{name}.fingers")
         if own := [finger for finger in arm.fingers if finger in chain]:
@@ -437,9 +463,7 @@ def _with_posture(
     chains: dict[str, list[str]],
     states: Sequence[GroupState],
 ) -> RobotFile:
-    """Complete the posture of the description: joints that it does not name are as its group states have them, follow
-    their <mimic>, or stay nearest to 0.
-    """
+    """Complete the posture by group states, by <mimic>, and by the values nearest to 0."""
     moving = {joint for chain in chains.values() for joint in chain}
     posture: dict[str, float] = {}
     for state in description.states or ():
@@ -453,9 +477,13 @@ def _with_posture(
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if name not in moving and joint.nq == 1:
             posture.setdefault(name, _nearest_to_zero(model, name))
-    for name, mimic in _leaders_first(mimics):
-        if name in given or name not in list(model.names):  # a fixed joint may have a <mimic>
+    # Each comes after the joint it follows; none follows itself.
+    for name in TopologicalSorter({name: [mimic.joint] for name, mimic in mimics.items()}).static_order():
+        if (
+            name in given or name not in mimics or name not in list(model.names)
+        ):  # a fixed joint may have a <mimic>
             continue
+        mimic = mimics[name]
         if mimic.joint not in list(model.names):
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which is not there",
@@ -471,12 +499,6 @@ def _with_posture(
             )
         posture[name] = mimic.multiplier * posture.get(mimic.joint, 0.0) + mimic.offset
     return description.model_copy(update={"posture": posture})
-
-
-def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
-    """Sort joints that mimic others so that each comes after the joint it follows; none follows itself."""
-    order = TopologicalSorter({name: [mimic.joint] for name, mimic in mimics.items()}).static_order()
-    return [(name, mimics[name]) for name in order if name in mimics]
 
 
 def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Array:
@@ -532,7 +554,12 @@ def _reduced(
     """Build the robot with every joint locked but those of the arms."""
     moving = {joint for chain in chains.values() for joint in chain}
     for name in moving:
-        _require_limited(model.joints[model.getJointId(name)], name)
+        if model.joints[model.getJointId(name)].nq > 1:
+            raise RobotError(
+                f"the joint '{name}' turns without end and has no limits",
+                key="limits",
+                way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
+            )
     locked = [j for j in range(1, model.njoints) if model.names[j] not in moving]
     stay = _locked_at(description, model)
     for j in locked:  # becomes a frame of its name
@@ -555,16 +582,6 @@ def _reduced(
     return Robot(
         description, reduced, geometry, arms, **limits, relief=relief, sha256=sha256, sources=sources
     )
-
-
-def _require_limited(joint: Any, name: str) -> None:
-    """Refuse joints that an arm cannot have."""
-    if joint.nq > 1:
-        raise RobotError(
-            f"the joint '{name}' turns without end and has no limits",
-            key="limits",
-            way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
-        )
 
 
 def _limits(
@@ -619,7 +636,7 @@ def _arm(
     name: str,
     arm: ArmDescription,
     chain: list[str],
-    columns: NDArray[np.int64],
+    columns: Integers,
     states: Sequence[GroupState],
     limits: dict[str, Array],
 ) -> Arm:
@@ -643,7 +660,7 @@ def _arm(
             key=key,
             way_out=f"keep it between {lower[outside][0]:.10g} and {upper[outside][0]:.10g}",
         )
-    return Arm(name, arm.tip, columns, _se3(arm.tool).homogeneous, home, tuple(arm.fingers))
+    return Arm(name, arm.tip, columns, se3_of(arm.tool).homogeneous, home, tuple(arm.fingers))
 
 
 def _unknown_state(state: str, states: Sequence[GroupState], key: str, otherwise: str) -> RobotError:
@@ -677,9 +694,7 @@ def _of_state(state: str, chain: list[str], states: Sequence[GroupState], key: s
 
 
 def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
-    """Return whether a body can have an inertia, up to a share of its largest moment; negative moments are told
-    elsewhere.
-    """
+    """Return whether a body can have an inertia, up to rounding; negative moments are told elsewhere."""
     moments = np.linalg.eigvalsh(np.array(inertia.inertia))
     least = 1e-9 * inertia.mass  # kg m^2, of a body a few hundredths of a millimetre wide
     return (
@@ -704,7 +719,7 @@ def _gaps(robot: Robot) -> Iterator[str]:
             yield f"no link of the arm '{arm.name}' has a collision body: what it touches is not known"
         if not masses[joints[0]]:
             yield f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known"
-        own = gripper_links(robot, arm)
+        own = robot.gripper_links(arm)
         if own and not sum(masses_of(source.urdf, own, robot.model).sum() for source in robot.sources):
             yield (
                 f"no link of the gripper of the arm '{arm.name}' has a mass: what it asks of the motors is not "

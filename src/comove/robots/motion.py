@@ -184,13 +184,9 @@ def approach_shares(position: Array, velocity: Array, approach: Array, lower: Ar
 
 def _ahead(curve: PPoly, seconds: Array) -> PPoly:
     """Return q + T q' of a cubic curve q, with the joints' times T, array of shape (n_joints,) [s]."""
-    cubic, square, slope, start = curve.c
-    return PPoly(
-        np.stack(
-            [cubic, square + 3.0 * seconds * cubic, slope + 2.0 * seconds * square, start + seconds * slope]
-        ),
-        curve.x,
-    )
+    ahead = curve.c.copy()
+    ahead[1:] += seconds * curve.derivative().c
+    return PPoly(ahead, curve.x)
 
 
 def _each(curve: PPoly, time: Array) -> tuple[Array, Array]:
@@ -214,9 +210,7 @@ def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
 
 
 def fastest(curve: PPoly) -> tuple[Array, Array]:
-    """Compute the largest speed of every joint between every two samples, and its time; arrays, shape (n_intervals,
-    n_joints).
-    """
+    """Compute largest speeds between samples, and their times; arrays, shape (n_intervals, n_joints)."""
     cubic, square, slope, _ = curve.c
     width = np.diff(curve.x)[:, None]
     vertex = np.clip(_over(-square, 3 * cubic), 0.0, width)

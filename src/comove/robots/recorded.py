@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -155,18 +154,10 @@ def _require_held(recording: Demonstration, robot: Robot, arm: Arm) -> None:
 
 def _supports(robot: Robot, tip: str) -> list[str]:
     """Return the names of the joints between a frame and the base of its model."""
-    above: dict[str, tuple[str, str]] = {}  # the joint and the link above each link
-    moved: dict[str, str] = {}  # the link below each joint
-    for source in robot.sources:
-        tree = ElementTree.fromstring(source.urdf)
-        for joint in tree.iter("joint"):
-            parent, child = joint.find("parent"), joint.find("child")
-            if parent is not None and child is not None:
-                above[child.get("link", "")] = joint.get("name", ""), parent.get("link", "")
-                moved[joint.get("name", "")] = child.get("link", "")
+    above, found = robot.joints_above, list[str]()
+    moved = {name: link for link, (name, *_) in above.items()}
     link = tip if tip in above else moved.get(tip.removesuffix(OF_JOINT), tip)
-    found: list[str] = []
-    while link in above and len(found) <= len(above):
-        name, link = above[link]
+    while link in above:
+        name, link, _ = above[link]
         found.append(name)
     return found

@@ -209,7 +209,7 @@ def _with_transfers(
         if found.joints.motion is None:
             return best or found
         transfers, errors = possible_transfers(
-            found.joints.motion, approach=carrier.approach, release=carrier.release, present=carrier.present
+            found.joints.motion, carrier.approach, carrier.release, carrier.present
         )
         without = tuple(map(str, errors.values()))
         found = replace(found, joints=replace(found.joints, transfers=transfers, without=without))

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError, shortened
 
 LIMITED = ("revolute", "prismatic")
@@ -18,6 +18,7 @@ FREE = ("floating", "planar")
 LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
 RATES = {"acceleration": ("acceleration", "deceleration"), "jerk": ("jerk",)}
 """Attributes of a <limit>, with any prefix, that state a limit of a description."""
+MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 NUMBERS = {
     "origin": {"xyz": (3, "m"), "rpy": (3, "rad")},
     "axis": {"xyz": (3, "")},
@@ -28,7 +29,7 @@ NUMBERS = {
     "mimic": {"multiplier": (1, ""), "offset": (1, "")},
     "calibration": {"rising": (1, ""), "falling": (1, "")},
     "mass": {"value": (1, "kg")},
-    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (1, "kg m^2")),
+    "inertia": dict.fromkeys((key for key, *_ in MOMENTS), (1, "kg m^2")),
     "box": {"size": (3, "m")},
     "sphere": {"radius": (1, "m")},
     "cylinder": {"radius": (1, "m"), "length": (1, "m")},
@@ -52,31 +53,31 @@ HEAVIEST = 1e6  # kg, and kg m^2
 TAKEN = "universe"  # Pinocchio's own frame
 
 
-def require_sound(tree: ET.Element, prefix: str) -> None:
-    """Refuse a model that is meaningless or too large; `prefix` is that of its names."""
+def require_sound(tree: ET.Element) -> None:
+    """Refuse a model that is meaningless or too large."""
     joints, links = tree.findall("./joint"), tree.findall("./link")
     for element in (*links, *joints):
-        _require_name(element, prefix)
+        _require_name(element)
     for element in tree:
         if element.tag in ("link", "joint", "material"):
-            _check_numbers(element, f"the {element.tag} '{prefix}{element.get('name', '')}'")
+            _check_numbers(element, f"the {element.tag} '{element.get('name', '')}'")
     for joint in joints:
-        name = prefix + joint.get("name", "")
+        name = joint.get("name", "")
         _check_limits(joint, name)
         _check_axis(joint, name)
         _check_place(joint, f"the joint '{name}'")
-    _check_mimics(joints, prefix)
+    _check_mimics(joints)
     for link in links:
-        _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
+        _check_link(link, f"the link '{link.get('name', '')}'")
     _check_sizes(tree)
     require_tree(tree)
 
 
-def _require_name(element: ET.Element, prefix: str) -> None:
+def _require_name(element: ET.Element) -> None:
     name = element.get("name")
     if name is None:
         return  # Pinocchio tells
-    if not name or len(name) > MAX_NAME or not name.isprintable() or prefix + name == TAKEN:
+    if not name or len(name) > MAX_NAME or not name.isprintable() or name == TAKEN:
         raise RobotError(
             f"a {element.tag} has the name {shortened(ascii(name) if not name.isprintable() else repr(name))}",
             way_out=f"give it another, of 1 to {MAX_NAME} characters that can be printed"
@@ -91,9 +92,7 @@ def local_name(name: str) -> str:
 
 
 def _check_numbers(owner: ET.Element, told: str) -> None:
-    """Refuse attributes that do not hold as many numbers as they should, and part the numbers by single blanks, as
-    Pinocchio reads them.
-    """
+    """Refuse attributes without their count of numbers, and part these by blanks, as Pinocchio wants."""
     hints = {element for hint in owner.iter(HINTS) for element in hint.iter()}
     for element in (each for each in owner.iter() if each not in hints):
         for attribute, (count, unit) in NUMBERS[element.tag].items() if element.tag in WHOLE else ():
@@ -158,7 +157,7 @@ def _check_axis(joint: ET.Element, name: str) -> None:
         raise RobotError(f"the axis of the joint '{name}' has no direction", way_out="correct it")
 
 
-def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
+def _check_mimics(joints: list[ET.Element]) -> None:
     """Refuse joints that mimic each other in a circle."""
     follows = {
         joint.get("name"): {mimic.get("joint")} for joint in joints for mimic in joint.findall("mimic")
@@ -167,8 +166,7 @@ def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
         TopologicalSorter(follows).prepare()
     except CycleError as error:
         raise RobotError(
-            f"the joint '{prefix}{_first_of(follows, error)}' goes along with itself",
-            way_out="correct its <mimic>",
+            f"the joint '{_first_of(follows, error)}' goes along with itself", way_out="correct its <mimic>"
         ) from None
 
 
@@ -216,31 +214,31 @@ def _check_inertia(inertial: ET.Element, told: str) -> None:
         )
 
 
-def _moments(inertial: ET.Element) -> NDArray[np.float64]:
+def _moments(inertial: ET.Element) -> Array:
     """Compute the principal moments of inertia, the least first; array, shape (3,) [kg m^2]."""
-    inertia = inertial.find("inertia")
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (0.0 if inertia is None else float(inertia.get(key, "0")) for key in keys)
+    inertia, matrix = inertial.find("inertia"), np.zeros((3, 3))
+    for key, row, column in MOMENTS:
+        matrix[column, row] = (
+            0.0 if inertia is None else float(inertia.get(key, "0"))
+        )  # the lower half counts
     with np.errstate(all="ignore"):
-        return np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        return np.asarray(np.linalg.eigvalsh(matrix), dtype=np.float64)
 
 
-def _listed(moments: NDArray[np.float64]) -> str:
+def _listed(moments: Array) -> str:
     return f"{', '.join(f'{moment:.3g}' for moment in moments)} kg m^2"
 
 
-def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
+def doubts(tree: ET.Element) -> Iterator[str]:
     """Yield warnings of values that no real robot has but published models contain."""
-    rounding, least = (
-        1e-6,
-        1e-12,
-    )  # of the largest moment of inertia, and kg m^2, that the least may be below 0
+    # of the largest moment of inertia, and kg m^2, that the least may be below 0
+    rounding, least = 1e-6, 1e-12
     for link in tree.findall("./link"):
         for inertial in link.findall("inertial"):
             moments = _moments(inertial)
             if moments[0] < -rounding * moments[2] - least:
                 yield (
-                    f"the link '{prefix}{link.get('name', '')}' has the moments of inertia {_listed(moments)}, "
+                    f"the link '{link.get('name', '')}' has the moments of inertia {_listed(moments)}, "
                     "and none can be negative: what it asks of its motors may be wrong"
                 )
 
@@ -266,6 +264,12 @@ def _check_sizes(tree: ET.Element) -> None:
             raise RobotError(f"it has {n} {what}, more than {most}", way_out="simplify it")
 
 
+def ends_of(joint: ET.Element) -> tuple[str, str]:
+    """Return the links that a joint connects, the parent first; empty where it names none."""
+    parent, child = (joint.find(tag) for tag in ("parent", "child"))
+    return ("" if parent is None else parent.get("link", ""), "" if child is None else child.get("link", ""))
+
+
 def require_tree(tree: ET.Element) -> None:
     """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep."""
     links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
@@ -273,22 +277,19 @@ def require_tree(tree: ET.Element) -> None:
         raise RobotError("it has no link", way_out="name a URDF with the links of a robot")
     hangs: dict[str, tuple[str, str]] = {}  # on which joint, and link above it
     for joint in tree.findall("./joint"):
-        ends = [joint.find(tag) for tag in ("parent", "child")]
-        parent, child = (None if end is None else end.get("link") for end in ends)
+        parent, child = ends_of(joint)
         for end, tag in ((parent, "parent"), (child, "child")):
-            if end is None or end not in links:
-                lacks = (
-                    f"no <{tag}>" if end is None else f"the <{tag}> '{shortened(end)}', which is not there"
-                )
+            if end not in links:
+                lacks = f"the <{tag}> '{shortened(end)}', which is not there" if end else f"no <{tag}>"
                 raise RobotError(
                     f"the joint '{joint.get('name')}' has {lacks}", way_out="let it connect two links"
                 )
         if child in hangs:
             raise RobotError(
-                f"the link '{child}' hangs on two joints, '{hangs[str(child)][0]}' and '{joint.get('name')}'",
+                f"the link '{child}' hangs on two joints, '{hangs[child][0]}' and '{joint.get('name')}'",
                 way_out="let it hang on one: a URDF is a tree",
             )
-        hangs[str(child)] = joint.get("name", ""), str(parent)
+        hangs[child] = joint.get("name", ""), parent
     depth: dict[str, int] = {}
     try:
         for link in TopologicalSorter({child: {above} for child, (_, above) in hangs.items()}).static_order():

@@ -23,7 +23,7 @@ from comove.errors import OptionError, RobotError
 from comove.model.motion import SAMPLE_RATE
 from comove.model.scene import Scene
 from comove.planning.seeds import minimum_jerk
-from comove.robots.free_space import Room, RoomSettings, way
+from comove.robots.free_space import Room, way
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion, Ranges, largest_approach
 from comove.robots.present import Joints, present_joints
@@ -35,33 +35,17 @@ from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.verification.verify import Sealed
 
+HEIGHT, GRIP_TIME = 0.08, 1.0  # m and s, unless a caller says otherwise
+SHARES = (1.0, 0.5, 0.25)  # of the height, tried in turn where an arm or what is near leaves less
+STRAIGHT_STEPS = 41  # configurations of the straight part, solved one after the other
 STRAIGHT = Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
+PACE, HANDS_PACE = (
+    0.5,
+    0.98,
+)  # used shares of the limits of joints, and of hands, which are looked at in samples
+ATTEMPTS = 3  # searches for a way; the last of them checks everything exactly
 OPTIONS = {"start": "--approach", "goal": "--release"}
 _JUDGED = object()
-
-
-@dataclass(frozen=True)
-class TransferSettings:
-    """Settings of how approach and release are planned.
-
-    Attributes
-    ----------
-    shares : of the height, tried in turn where an arm or what is near leaves less
-    pace : share of the limits of joints that is used
-    hands_pace : likewise of the scene's limits of hands, which are looked at in samples
-    attempts : searches for a way; the last of them checks everything exactly
-    straight_steps : configurations of the straight part, solved one after the other
-    straight : iteration that solves them
-    room : of the ways through free space
-    """
-
-    shares: tuple[float, ...] = (1.0, 0.5, 0.25)
-    pace: float = 0.5
-    hands_pace: float = 0.98
-    attempts: int = 3
-    straight_steps: int = 41
-    straight: Iteration = STRAIGHT
-    room: RoomSettings = field(default_factory=RoomSettings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,10 +84,9 @@ def plan_transfers(
     approach: bool = True,
     release: bool = True,
     present: Joints | None = None,
-    height: float = 0.08,
-    grip_time: float = 1.0,
+    height: float = HEIGHT,
+    grip_time: float = GRIP_TIME,
     seed: int = 0,
-    settings: TransferSettings = TransferSettings(),
 ) -> Transfers:
     """Plan and judge the joint motions from the present joints to the grasp, and from there home.
 
@@ -116,7 +99,6 @@ def plan_transfers(
         something, half of it is tried, then a quarter
     grip_time : time in which hands close or open [s]
     seed : seed of the search
-    settings : settings of how the ways are found
 
     Raises
     ------
@@ -125,39 +107,6 @@ def plan_transfers(
         approach nor release is wanted.
     RobotError
         If a hand cannot draw back, or no path was found; the message names what is in the way.
-    """
-    found, errors = possible_transfers(
-        carry,
-        approach=approach,
-        release=release,
-        present=present,
-        height=height,
-        grip_time=grip_time,
-        seed=seed,
-        settings=settings,
-    )
-    for error in errors.values():
-        raise error
-    assert found is not None, "what is not found has an error"
-    return found
-
-
-def possible_transfers(
-    carry: VerifiedJointMotion,
-    *,
-    approach: bool = True,
-    release: bool = True,
-    present: Joints | None = None,
-    height: float = 0.08,
-    grip_time: float = 1.0,
-    seed: int = 0,
-    settings: TransferSettings = TransferSettings(),
-) -> tuple[Transfers | None, dict[str, RobotError]]:
-    """Plan those of approach and release that can be found; arguments and errors as of `plan_transfers`.
-
-    Returns
-    -------
-    Transfers, None where neither was found, and the errors of those that were not, by the end of the carry
     """
     if not isinstance(carry, VerifiedJointMotion):
         raise OptionError(
@@ -168,15 +117,40 @@ def possible_transfers(
     for name, value in (("height", height), ("grip_time", grip_time)):
         if not 0.0 < value < np.inf:
             raise OptionError(f"it is {value!r}", key=name, way_out="give a positive number")
-    require_no_transfers(carry.scene, {"approach": approach, "release": release})
     if not (approach or release):
         raise OptionError("neither approach nor release is wanted", key="approach", way_out="ask for one")
+    found, errors = possible_transfers(
+        carry, approach, release, present, height=height, grip_time=grip_time, seed=seed
+    )
+    for error in errors.values():
+        raise error
+    assert found is not None, "what is not found has an error"
+    return found
+
+
+def possible_transfers(
+    carry: VerifiedJointMotion,
+    approach: bool,
+    release: bool,
+    present: Joints | None,
+    *,
+    height: float = HEIGHT,
+    grip_time: float = GRIP_TIME,
+    seed: int = 0,
+) -> tuple[Transfers | None, dict[str, RobotError]]:
+    """Plan those of approach and release that can be found; arguments as of `plan_transfers`.
+
+    Returns
+    -------
+    Transfers, None where neither was found, and the errors of those that were not, by the end of the carry
+    """
+    require_no_transfers(carry.scene, {"approach": approach, "release": release})
     grip_time, robot = _whole(grip_time), carry.robot
     ends = {"start": present_joints(present, robot)} if approach else {}
     ends |= {"goal": robot.home} if release else {}
     found, errors = dict[str, tuple[JointMotion, float]](), dict[str, RobotError]()
     for end, other in ends.items():
-        retreat = Retreat(robot, Carried(carry.motion.motion), end, other, height, settings)
+        retreat = Retreat(robot, Carried(carry.motion.motion), end, other, height)
         try:
             found[end] = _withdrawal(carry, retreat, grip_time, seed)
         except RobotError as error:
@@ -226,15 +200,14 @@ class Retreat:
     carried : motion of the load
     end : "start" or "goal"
     other : array, shape (n_joints,), joints from which an approach comes, or to which a release leads [rad, m]
-    height, settings : as of `plan_transfers`
+    height : as of `plan_transfers` [m]
     """
 
     robot: Robot
     carried: Carried
     end: str
     other: Array
-    height: float = 0.08
-    settings: TransferSettings = TransferSettings()
+    height: float = HEIGHT
 
     @classmethod
     def on(cls, scene: Scene, robot: Robot, end: str, other: Array) -> Retreat:
@@ -309,10 +282,10 @@ class Retreat:
             If the joints behind the grasp are, whatever the height, not free or not reached.
         """
         error: RobotError | None = None
-        for share in self.settings.shares:
+        for share in SHARES:
             height = share * self.height
             try:
-                back = _drawn_back(self.robot, self.scene, grasp, height, self.end, self.settings)
+                back = _drawn_back(self.robot, self.scene, grasp, height, self.end)
             except RobotError as why:
                 error = error or why
                 continue
@@ -329,7 +302,7 @@ class Retreat:
 
     def _room(self, q: Array) -> Room:
         ends = np.stack([q, self.other])
-        return Room.for_ends(self.bodies, self.scene, ends, self.scene.nodes_at(self.end), self.settings.room)
+        return Room.for_ends(self.bodies, self.scene, ends, self.scene.nodes_at(self.end))
 
 
 def _anew(end: str) -> str:
@@ -357,17 +330,17 @@ def _withdrawal(
 
     Returns the motion, and a lower bound of its clearance [m].
     """
-    robot, scene, end, how = carry.robot, carry.scene, retreat.end, retreat.settings
+    robot, scene, end = carry.robot, carry.scene, retreat.end
     retreat.require_free_rest()
     back, room = retreat.behind(carry.joints.position[0 if end == "start" else -1])
     reasons = ["the search found no way"]
-    for attempt in range(how.attempts):
+    for attempt in range(ATTEMPTS):
         rng = np.random.default_rng((seed, attempt))
-        path = way(room if attempt + 1 < how.attempts else room.rigorous, back[-1], retreat.other, rng)
+        path = way(room if attempt + 1 < ATTEMPTS else room.rigorous, back[-1], retreat.other, rng)
         if path is None:
             continue
         ways = [back, *(np.stack(pair) for pair in zip(path[:-1], path[1:], strict=True))]
-        parts = [_paced(robot, scene, retreat.arms, q, how) for q in ways]
+        parts = [_paced(robot, scene, retreat.arms, q) for q in ways]
         motion = _joined(robot, grip_time, parts)
         free_from = grip_time + (len(parts[0]) - 1) / SAMPLE_RATE
         reasons, clearance = _judged(
@@ -382,19 +355,17 @@ def _withdrawal(
     )
 
 
-def _drawn_back(
-    robot: Robot, scene: Scene, grasp: Array, height: float, end: str, how: TransferSettings
-) -> Array:
-    """Return the joints while the hands draw back straight from the load, shape (straight_steps, n_joints)."""
-    rows, straight = np.repeat(grasp[None], how.straight_steps, axis=0), how.straight
+def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: str) -> Array:
+    """Compute the joints while hands draw back straight, refused out of reach; array, (STRAIGHT_STEPS, n_joints)."""
+    rows = np.repeat(grasp[None], STRAIGHT_STEPS, axis=0)
     for name in scene.file.holders:
         arm = robot.arm(name)
         chains, pose = chains_of(robot, (arm,)), robot.tool_pose(grasp, arm)
         turn = np.ascontiguousarray(pose[:3, :3])
-        for k, share in enumerate(np.linspace(0.0, 1.0, how.straight_steps)[1:], start=1):
+        for k, share in enumerate(np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:], start=1):
             q = rows[k - 1, arm.columns]
             behind = pose[:3, 3] - share * height * turn[:, 2]
-            if reach_pose(chains, 0, turn, behind, q.copy(), straight, q) > straight.tolerance:
+            if reach_pose(chains, 0, turn, behind, q.copy(), STRAIGHT, q) > STRAIGHT.tolerance:
                 raise RobotError(
                     f"the arm '{arm.name}' can draw back from its grasp at the {end} by less than "
                     f"{share * height:.3g} m",
@@ -405,13 +376,8 @@ def _drawn_back(
     return rows
 
 
-def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array, how: TransferSettings) -> Array:
-    """Sample a path with minimum jerk, as fast as shares of the limits of joints and hands allow.
-
-    Parameters
-    ----------
-    path : array, shape (n_configurations, n_joints), evenly spaced
-    """
+def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
+    """Sample an evenly spaced path with minimum jerk, as fast as shares of the limits of joints and hands allow."""
     curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
     s = np.linspace(0.0, 1.0, 201)
     unit = JointMotion(s, robot.joint_names, curve(minimum_jerk(s)))
@@ -424,15 +390,15 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array, how: 
             way_out="give a home and a grasp farther from the limits",
         )
     ratios = [
-        max((velocity / robot.velocity).max(), approach.value) / how.pace,
-        np.sqrt((acceleration / (how.pace * robot.acceleration)).max()),
+        max((velocity / robot.velocity).max(), approach.value) / PACE,
+        np.sqrt((acceleration / (PACE * robot.acceleration)).max()),
     ]
     places = robot.tool_poses(unit.position, arms)[:, :, :3, 3]
     hands = CubicSpline(s, places, bc_type="clamped")
     speed, pull = (np.linalg.norm(hands(s, order), axis=-1).max() for order in (1, 2))
     ratios += [
-        speed / (how.hands_pace * scene.speed_limit),
-        np.sqrt(pull / (how.hands_pace * scene.acceleration_limit)),
+        speed / (HANDS_PACE * scene.speed_limit),
+        np.sqrt(pull / (HANDS_PACE * scene.acceleration_limit)),
     ]
     steps = max(2, int(np.ceil(max(ratios) * SAMPLE_RATE)))
     samples = curve(minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))

@@ -64,7 +64,7 @@ class Source:
     nearly_right : whether angles of joints are right angles but for rounding, and are kept so
     meshes : collision meshes as binary STL, by their names in the URDF
     files : files of the description, the model, its SRDF and its collision meshes
-    gripper_links : names of the links of grippers (`comove.robots.grippers`)
+    gripper_links : names of the links of grippers (`comove.robots.mounting`)
     masses : masses of links whose inertia follows from their bodies, by name [kg]
     """
 
@@ -165,17 +165,17 @@ def source_of(
     fixed: bool = False,
 ) -> Source:
     """Return the model of a URDF's root element; as `read_source`, which reads it from `path`."""
-    prefix = source.prefix
     with errors_in(path):
-        joints = {prefix + name: joint for joint in tree.findall("./joint") if (name := joint.get("name"))}
+        _prefix(source.prefix, tree)
+        joints = {name: joint for joint in tree.findall("./joint") if (name := joint.get("name"))}
         for name, joint in joints.items():
             _fill_limits(joint, description.limits.get(name))
-        require_sound(tree, prefix)
+        require_sound(tree)
         limits = {
             name: further_limits(joint, name, description.limits.get(name)) for name, joint in joints.items()
         }
         drop_extensions(tree)
-        notes = [*doubts_of_limits(joints, limits, description.limits), *doubts(tree, prefix)]
+        notes = [*doubts_of_limits(joints, limits, description.limits), *doubts(tree)]
         free = {name: joint for name, joint in joints.items() if joint.get("type") in FREE}
         if fixed and free:
             raise RobotError(
@@ -201,8 +201,7 @@ def source_of(
     srdf = Srdf()
     if source.srdf is not None:
         files.append(resolve(source.srdf, file))
-        srdf = _srdf(files[-1], tree, prefix, digest)
-    _prefix(prefix, tree)
+        srdf = _srdf(files[-1], tree, source.prefix, digest)
     digest.update(ET.tostring(tree))
     for mesh in tree.findall("./link/*/geometry/mesh"):  # what nothing but pictures need may be missing
         with suppress(RobotError):

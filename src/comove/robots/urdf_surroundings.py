@@ -14,7 +14,7 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.files.keys import Turned
 from comove.robots.description import errors_in
 from comove.robots.formats import URDF, elements_in
-from comove.robots.soundness import require_sound
+from comove.robots.soundness import ends_of, require_sound
 from comove.robots.urdf import drop_extensions, resolve
 
 
@@ -28,12 +28,10 @@ def obstacles_in(path: Path) -> list[dict[str, Any]]:
     """
     with errors_in(path):
         tree = elements_in(path, URDF)
-        require_sound(tree, "")
+        require_sound(tree)
         drop_extensions(tree)
-        parents = {
-            _attribute(joint, "child", "link"): (_attribute(joint, "parent", "link"), _origin(joint))
-            for joint in tree.findall("./joint")
-        }
+        joints = [(*ends_of(joint), _origin(joint)) for joint in tree.findall("./joint")]
+        parents = {child: (parent, origin) for parent, child, origin in joints}
         found = [
             _obstacle(collision, link.get("name", ""), _placed(link.get("name", ""), parents), path)
             for link in tree.findall("./link")
@@ -42,11 +40,6 @@ def obstacles_in(path: Path) -> list[dict[str, Any]]:
         if not found:
             raise RobotError("no link has a collision body", way_out="add <collision> to its links")
     return found
-
-
-def _attribute(element: ET.Element, tag: str, key: str) -> str:
-    child = element.find(tag)
-    return "" if child is None else child.get(key, "")
 
 
 def _origin(element: ET.Element) -> Array:

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
-from comove.model.files import keys as model
+from comove.model.files import keys
 from comove.model.files.keys import canonical
 from comove.model.files.reading import load_scene_file, parse_scene
 from tests.cases import examples
@@ -867,7 +867,7 @@ def test_every_place_may_hold_junk(data, value):
 
 
 def test_all_public_models_forbid_unknown_keys_and_are_frozen():
-    parts = [part for part in vars(model).values() if isinstance(part, type) and issubclass(part, model.Part)]
+    parts = [part for part in vars(keys).values() if isinstance(part, type) and issubclass(part, keys.Part)]
     assert len(parts) >= 15
     for part in parts:
         assert part.model_config["frozen"]

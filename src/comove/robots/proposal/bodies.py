@@ -1,9 +1,12 @@
-"""The collision bodies of a robot: points that hold them, and which pairs of them touch, or never do."""
+"""The collision bodies of a robot and about it: points that hold them, and which pairs touch, or never do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -11,8 +14,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.arrays import Array
-from comove.robots.model import Robot
+from comove.model.scene import Scene
+from comove.robots.model import Arm, Robot
 from comove.robots.search.capsules import vertices_of
+from comove.robots.verification.bodies import links_within, obstacle_object
+
+ROOM = 20.0  # m, half the width of a scene that states none
 
 
 def placed_bodies(robot: Robot, q: Array) -> Iterator[tuple[str, Array]]:
@@ -29,6 +36,13 @@ def placed_bodies(robot: Robot, q: Array) -> Iterator[tuple[str, Array]]:
         yield link_of(item.name), _points_around(item.geometry) @ place.rotation.T + place.translation
 
 
+def points_from_tip(robot: Robot, arm: Arm, links: Collection[str]) -> Array:
+    """Return points around the bodies of some links at home in the frame of an arm's tip; array, shape (n, 3) [m]."""
+    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+    points = [points for link, points in placed_bodies(robot, robot.home) if link in links]
+    return np.asarray((np.concatenate([np.empty((0, 3)), *points]) - tip[:3, 3]) @ tip[:3, :3])
+
+
 def link_of(geometry: str) -> str:
     """Return the link of a collision body, which Pinocchio numbers."""
     return geometry.rpartition("_")[0]
@@ -43,8 +57,7 @@ def _points_around(shape: coal.CollisionGeometry) -> Array:
 
 
 def touching(robot: Robot, joints: Array, margin: float | Array = 0.0) -> NDArray[np.bool_]:
-    """Return which pairs of bodies touch, or come within margins [m], one or one a pair, in some configurations;
-    array, shape (n_configurations, n_pairs).
+    """Return which pairs of bodies come within margins [m]; array, shape (n_configurations, n_pairs).
 
     Parameters
     ----------
@@ -130,3 +143,53 @@ def _least_distance(robot: Robot, k: int, columns: Sequence[int]) -> float:
         best, step = grid[distances.argmin()], 2.0 * (upper - lower) / (n_grid - 1)
         lower, upper = np.maximum(best - step, lower), np.minimum(best + step, upper)
     return least
+
+
+def scene_of(obstacles: Sequence[dict[str, Any]], folder: Path = Path()) -> Scene:
+    """Return a scene of obstacles alone; files of meshes are relative to a folder.
+
+    Raises
+    ------
+    SceneError
+        If they are no obstacles as scenes have them.
+    """
+    nobody = {"name": "nobody", "start": [0.0] * 3, "goal": [0.0] * 3}
+    data = {
+        "name": "surroundings",
+        "duration": 1.0,
+        "workspace": {"lower": [-ROOM] * 3, "upper": [ROOM] * 3},
+        "manipulators": [nobody],
+        "obstacles": list(obstacles),
+    }
+    return Scene.from_dict(data, folder=folder, check_ends=False)
+
+
+def names_of(around: Scene) -> list[str]:
+    """Return the names of a scene's obstacles."""
+    return [around.name_of(i) for i in range(len(around.file.obstacles))]
+
+
+def among(robot: Robot, around: Scene | None) -> Robot:
+    """Return a robot with the obstacles of a scene, if any, for bodies that every moving link is compared with."""
+    if around is None:
+        return robot
+    geometry = robot.collision.copy()
+    links = [k for k, item in enumerate(geometry.geometryObjects) if item.parentJoint > 0]
+    for i, name in enumerate(names_of(around)):
+        body = obstacle_object(around, i, f"{name}_0")  # numbered, as Pinocchio numbers the bodies of links
+        body.parentFrame = 0
+        number = geometry.addGeometryObject(body)
+        for link in links:
+            geometry.addCollisionPair(pin.CollisionPair(link, number))
+    return replace(robot, collision=geometry)
+
+
+def buried(robot: Robot, around: Scene | None, q: Array) -> list[str]:
+    """Return which links are inside solids that meshes of a scene close, in words, as no triangle need be near them.
+
+    Parameters
+    ----------
+    robot : without the scene's obstacles
+    q : array, shape (n_joints,) [rad, m]
+    """
+    return [] if around is None else links_within(robot, around.surfaces, names_of(around), q)

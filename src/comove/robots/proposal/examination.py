@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -14,34 +14,16 @@ from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
-from comove.robots.grippers import gripper_links, without_gripper
-from comove.robots.model import Arm, Robot
-from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touching
-from comove.robots.proposal.homes import base_of, tilt_of
-from comove.robots.proposal.rules import near_limits, near_links
-from comove.robots.proposal.surroundings import among, buried, names_of
+from comove.robots.grippers import without_gripper
+from comove.robots.model import FREEDOMS, Arm, Robot
+from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, points_from_tip, touching
+from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
 
-FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
-
-
-@dataclass(frozen=True)
-class ExaminationSettings:
-    """Settings of an examination.
-
-    Attributes
-    ----------
-    n_drawn : random configurations of every arm, from which its reach follows
-    n_tested : random configurations of the robot that are tested for contact
-    shared : distance from a place of another hand within which a place counts as shared [m]
-    often : share of random configurations from which on a pair that touches is told
-    most_named : links without a collision body that are named
-    """
-
-    n_drawn: int = 2000
-    n_tested: int = 200
-    shared: float = 0.05
-    often: float = 0.5
-    most_named: int = 4
+N_DRAWN = 2000  # random configurations of every arm, from which its reach follows
+N_TESTED = 200  # random configurations of the robot that are tested for contact
+SHARED = 0.05  # m, from a place of another hand within which a place counts as shared
+OFTEN = 0.5  # share of random configurations from which on a pair that touches is told
+MOST_NAMED = 4  # links without a collision body
 
 
 @dataclass(frozen=True)
@@ -94,12 +76,7 @@ class Examination:
         return not self.faults
 
 
-def examine(
-    robot: Robot,
-    seed: int = 0,
-    settings: ExaminationSettings = ExaminationSettings(),
-    around: Scene | None = None,
-) -> Examination:
+def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examination:
     """Examine a robot in random configurations and at home.
 
     Parameters
@@ -114,17 +91,20 @@ def examine(
     rng = np.random.default_rng(seed)
     robot, alone = among(robot, around), robot
     standing = [] if around is None else names_of(around)
-    arms = tuple(findings_of(robot, arm, rng, settings.n_drawn) for arm in robot.arms)
-    shared = {
-        (a.name, b.name): _shared(a.places, b.places, settings.shared) for a, b in combinations(arms, 2)
-    }
-    clearance, nearest = _at_home(robot)
-    free, often = _contacts(robot, rng, settings)
+    arms = tuple(findings_of(robot, arm, rng) for arm in robot.arms)
+    shared = {(a.name, b.name): _shared(a.places, b.places) for a, b in combinations(arms, 2)}
+    apart = links_apart_at_home(robot)
+    nearest, clearance, _ = apart[0] if apart else (("", ""), np.inf, 0.0)
+    near = dict[tuple[str, str], tuple[float, float]]()
+    for pair, distance, needed in apart:
+        if distance < needed:
+            near.setdefault(pair, (distance, needed))
+    free, often = _contacts(robot, rng)
     faults, doubts = [], []
     faults += [
         f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or "
         + (f"move '{b}'" if b in standing else f"{_leave_out(robot, a, b)} if they are always so near")
-        for a, b, distance, needed in near_links(robot)
+        for (a, b), (distance, needed) in near.items()
     ]
     faults += [
         f"{told.replace('begins', 'is')} at home: give another home, or move that"
@@ -165,14 +145,14 @@ def examine(
         for (a, b), share in often.items()
         if not {a, b} & set(standing)
     ]
-    for arm in arms:
-        if arm.n_joints < FEW_JOINTS:
-            doubts.append(
-                f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
-                "it shares must leave it the turns that it lacks"
-            )
+    doubts += [
+        f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that it "
+        "shares must leave it the turns that it lacks"
+        for arm in arms
+        if arm.n_joints < FREEDOMS
+    ]
     bare = without_gripper(robot)
-    if away := [name for name in bare if gripper_links(robot, robot.arm(name))]:
+    if away := [name for name in bare if robot.gripper_links(robot.arm(name))]:
         doubts.append(
             f"no body of the gripper of {', '.join(map(repr, away))} is near the grasp frame: correct `mount` or "
             "`tool`"
@@ -183,16 +163,17 @@ def examine(
             "is verified; give one: gripper: {urdf: FILE}, or gripper: {mass: KILOGRAMS, shapes: [{shape: box, "
             "center: [0, 0, 0.06], size: [0.1, 0.1, 0.12]}]}"
         )
-    doubts += [
-        f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say where "
-        f"in that, such as tool: {{position: [0, 0, {_end_of_gripper(robot, arm):.3g}]}}"
-        for arm in robot.arms
-        if gripper_links(robot, arm) and robot.description.arms[arm.name].tool == Placement()
-    ]
-    most = settings.most_named
+    for arm in robot.arms:
+        own = robot.gripper_links(arm)
+        if own and robot.description.arms[arm.name].tool == Placement():
+            end = max(points_from_tip(robot, arm, own)[:, 2], default=0.0)
+            doubts.append(
+                f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say "
+                f"where in that, such as tool: {{position: [0, 0, {end:.3g}]}}"
+            )
     if unseen := _without_bodies(robot):
         doubts.append(
-            f"{', '.join(unseen[:most])}{' and others' * (len(unseen) > most)} move and are drawn, but "
+            f"{', '.join(unseen[:MOST_NAMED])}{' and others' * (len(unseen) > MOST_NAMED)} move and are drawn, but "
             "have no collision body: nothing keeps them from touching; give them one in the URDF"
         )
     if not len(robot.collision.collisionPairs):
@@ -200,14 +181,10 @@ def examine(
     return Examination(arms, shared, clearance, nearest, free, tuple(faults), tuple(doubts))
 
 
-def findings_of(
-    robot: Robot, arm: Arm, rng: np.random.Generator, n_drawn: int = ExaminationSettings.n_drawn
-) -> ArmFindings:
-    """Return the findings about an arm in that many random configurations."""
-    q = np.repeat(robot.home[None], n_drawn, axis=0)
-    q[:, arm.columns] = rng.uniform(
-        robot.lower[arm.columns], robot.upper[arm.columns], (n_drawn, len(arm.columns))
-    )
+def findings_of(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
+    """Return the findings about an arm in random configurations."""
+    q, lower, upper = np.repeat(robot.home[None], N_DRAWN, axis=0), robot.lower, robot.upper
+    q[:, arm.columns] = rng.uniform(lower[arm.columns], upper[arm.columns], (N_DRAWN, len(arm.columns)))
     places = robot.tool_poses(q, (arm,))[:, 0, :3, 3]
     reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
     tilt = tilt_of(robot.tool_pose(robot.home, arm))
@@ -229,18 +206,10 @@ def _how_near(distance: float, needed: float) -> str:
     )
 
 
-def _end_of_gripper(robot: Robot, arm: Arm) -> float:
-    """Return how far the gripper of an arm reaches along the z axis of its tip [m]."""
-    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-    own = gripper_links(robot, arm)
-    points = [points for link, points in placed_bodies(robot, robot.home) if link in own]
-    return max((float(((p - tip[:3, 3]) @ tip[:3, 2]).max()) for p in points), default=0.0)
-
-
 def _leave_out(robot: Robot, a: str, b: str) -> str:
     for arm in robot.arms:
         for hand, other in ((a, b), (b, a)):
-            if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
+            if hand in robot.gripper_links(arm) and robot.model.existFrame(other):
                 return f"name it where the gripper is: arms.{arm.name}.gripper.touch_links: ['{other}']"
     return "name the pair in an SRDF"
 
@@ -265,22 +234,10 @@ def _gap(arms: tuple[ArmFindings, ...], a: str, b: str) -> float:
     return float(cKDTree(one).query(other)[0].min())
 
 
-def _shared(a: Array, b: Array, near: float) -> float:
-    """Return the share of the places of one hand within `near` [m] of a place of another's."""
-    distance, _ = cKDTree(b).query(a, distance_upper_bound=near)
+def _shared(a: Array, b: Array) -> float:
+    """Return the share of the places of one hand within `SHARED` of a place of another's."""
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=SHARED)
     return float(np.isfinite(distance).mean())
-
-
-def _at_home(robot: Robot) -> tuple[float, tuple[str, str]]:
-    """Return the least distance of two links at home [m], and their names."""
-    geometry = robot.collision
-    data, of_geometry = robot.model.createData(), geometry.createData()
-    if not len(geometry.collisionPairs):
-        return np.inf, ("", "")
-    k = pin.computeDistances(robot.model, data, geometry, of_geometry, robot.home)
-    pair = geometry.collisionPairs[k]
-    names = [link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second)]
-    return float(of_geometry.distanceResults[k].min_distance), (names[0], names[1])
 
 
 def _without_bodies(robot: Robot) -> list[str]:
@@ -295,11 +252,9 @@ def _without_bodies(robot: Robot) -> list[str]:
     return found
 
 
-def _contacts(
-    robot: Robot, rng: np.random.Generator, settings: ExaminationSettings
-) -> tuple[float, dict[tuple[str, str], float]]:
-    drawn = rng.uniform(robot.lower, robot.upper, (settings.n_tested, len(robot.lower)))
+def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
+    drawn = rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower)))
     touched = touching(robot, drawn)
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)
-    often = {pair: float(share) for pair, share in shares if share >= settings.often}
+    often = {pair: float(share) for pair, share in shares if share >= OFTEN}
     return float((~touched.any(axis=1)).mean()), often

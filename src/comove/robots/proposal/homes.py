@@ -1,10 +1,12 @@
 """A home for every arm: hands down and in front, joints far from limits, nothing that touches.
 
-Arms stand side by side with their hands in front of them, or face each other with both hands between them.
+Arms stand side by side with their hands in front of them, or face each other with both hands between them. A home
+keeps the rules of the search, and of approach and release, which begin and end there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from math import radians
@@ -14,100 +16,69 @@ import pinocchio as pin
 
 from comove.arrays import Array
 from comove.model.scene import Scene
-from comove.robots.free_space import RoomSettings
+from comove.robots.free_space import SPARES
 from comove.robots.model import Arm, Robot
-from comove.robots.proposal.bodies import placed_bodies
-from comove.robots.proposal.rules import clearance_at_home, limit_margin
-from comove.robots.proposal.surroundings import among, buried
+from comove.robots.proposal.bodies import among, buried, link_of, placed_bodies
+from comove.robots.search.following import SEARCHING
+from comove.robots.verification.bodies import links_apart
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-@dataclass(frozen=True)
-class HomeSettings:
-    """Settings of the search for homes.
-
-    Attributes
-    ----------
-    n_drawn, n_tried : random configurations of an arm, and those that are settled and tested for contact
-    n_steps, gain, damping : of the iteration by which a hand settles
-    backwards : mean place of the hands along x below which the front is where x is negative [reaches]
-    in_front : where the front begins along x [reaches]
-    most_signs : joints of an arm of which all signs are tried for one in a mirror
-    settled : by how much a hand may miss its home, or another one in a mirror [reaches and radians together]
-    apart : distance of the hands of arms that face each other [reaches]
-    far : share of the places of hands that are nearer than a home
-    steep : angle from straight down of an approach that counts as down where a home is looked for [rad]
-    near_down : angle from straight down at home from which on it is told [rad]
-    digits : of joints at home
-    """
-
-    n_drawn: int = 3000
-    n_tried: int = 150
-    n_steps: int = 60
-    gain: float = 0.5
-    damping: float = 1e-3
-    backwards: float = -0.1
-    in_front: float = 0.25
-    most_signs: int = 12
-    settled: float = 2e-3
-    apart: float = 0.3
-    far: float = 0.75
-    steep: float = radians(30.0)
-    near_down: float = radians(5.0)
-    digits: int = 3
+N_DRAWN, N_TRIED = (
+    3000,
+    150,
+)  # random configurations of an arm, and those that are settled and tested for contact
+N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
+# Mean place of the hands along x below which the front is where x is negative, and where the front begins [reaches].
+BACKWARDS, IN_FRONT = -0.1, 0.25
+MOST_SIGNS = 12  # joints of an arm of which all signs are tried for one in a mirror
+SETTLED = 2e-3  # reaches and radians together, by which a hand may miss its home, or another one in a mirror
+APART = 0.3  # reaches, between the hands of arms that face each other
+FAR = 0.75  # share of the places of hands that are nearer than a home
+STEEP = radians(
+    30.0
+)  # angle from straight down of an approach that counts as down where a home is looked for
+NEAR_DOWN = radians(5.0)  # angle from straight down at home from which on it is told
+DIGITS = 3  # of joints at home
 
 
-@dataclass(frozen=True)
-class Homes:
-    """The homes of all arms.
-
-    Attributes
-    ----------
-    joints : joint positions by arm; arrays, shape (n_joints,) [rad, m]
-    notes : what they lack, in words
-    """
-
-    joints: tuple[Array, ...]
-    notes: tuple[str, ...]
-
-
-def homes_of(
-    robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings(), around: Scene | None = None
-) -> Homes:
+def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> tuple[list[Array], list[str]]:
     """Find a home for every arm: of random configurations the best one that is free once its hand is turned down.
 
     Parameters
     ----------
     around : scene whose obstacles stand around the robot
+
+    Returns
+    -------
+    joint positions by arm, arrays, shape (n_joints,) [rad, m], and notes on what they lack
     """
     q, notes, robot, alone = robot.home, [], among(robot, around), robot
     rng = np.random.default_rng(seed)
-    drawn_by_arm = [_Drawn.of(robot, arm, rng, how.n_drawn) for arm in robot.arms]
-    ahead = _middle_of_reach(drawn_by_arm, how)
+    drawn_by_arm = [_Drawn.of(robot, arm, rng) for arm in robot.arms]
+    ahead = _middle_of_reach(drawn_by_arm)
     reach = min(drawn.reach for drawn in drawn_by_arm)
     needed = clearance_at_home(robot)
-    between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead, how)
+    between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead)
     for k, (arm, drawn, wanted) in enumerate(zip(robot.arms, drawn_by_arm, between, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
-        begun = [*_as_before(robot, q, k, how), *drawn.best(q, wanted)[: how.n_tried]]
+        begun = [*_as_before(robot, q, k), *drawn.best(q, wanted)[:N_TRIED]]
         place = drawn.base + reach * wanted
-        ended = [_settled(robot, arm, each, place, reach, how) for each in begun]
-        best = [each for each, miss in ended if miss < how.settled and not buried(alone, around, each)]
+        ended = [_settled(robot, arm, each, place, reach) for each in begun]
+        best = [each for each, miss in ended if miss < SETTLED and not buried(alone, around, each)]
         found = _first_free(robot, best, later, needed)
         if found is None:  # then anywhere with the hand down
             own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
-            ended = [_settled(robot, arm, *pair, reach, how) for pair in zip(begun, own, strict=True)]
-            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > how.settled)]
-            found = _first_free(
-                robot, [each for each in best if not buried(alone, around, each)], later, needed
-            )
+            ended = [_settled(robot, arm, *pair, reach) for pair in zip(begun, own, strict=True)]
+            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > SETTLED)]
+            clear = [each for each in best if not buried(alone, around, each)]
+            found = _first_free(robot, clear, later, needed)
         if found is None:  # then however the hand is turned
             keep = limit_margin(robot)
-            kept = (_rounded(each, robot.lower + keep, robot.upper - keep, how) for each in begun)
-            found = _first_free(
-                robot, [each for each in kept if not buried(alone, around, each)], later, needed
-            )
+            kept = (_rounded(each, robot.lower + keep, robot.upper - keep) for each in begun)
+            clear = [each for each in kept if not buried(alone, around, each)]
+            found = _first_free(robot, clear, later, needed)
         q = best[0] if found is None else found
         if found is None:
             notes.append(
@@ -115,15 +86,47 @@ def homes_of(
                 f"{' and from what stands around' if around is not None else ''}: write one"
             )
         tilt = tilt_of(robot.tool_pose(q, arm))
-        if tilt > how.near_down:
+        if tilt > NEAR_DOWN:
             notes.append(
                 f"the hand of '{arm.name}' at home is {np.rad2deg(tilt):.0f} degrees from pointing down, as near as "
                 f"its {len(arm.columns)} joints were seen to come, clear of everything"
             )
-    return Homes(tuple(q[arm.columns] for arm in robot.arms), tuple(notes))
+    return [q[arm.columns] for arm in robot.arms], notes
 
 
-def _as_before(robot: Robot, q: Array, k: int, how: HomeSettings) -> list[Array]:
+def limit_margin(robot: Robot) -> Array:
+    """Return the distance that joints keep from their limits; array, shape (n_joints,) [rad, m]."""
+    return np.minimum(SEARCHING.keep, 0.5 * (robot.upper - robot.lower))
+
+
+def clearance_at_home(robot: Robot) -> Array:
+    """Return the distance that each pair of links keeps at home; array, shape (n_pairs,) [m]."""
+    return links_apart(robot) + SPARES[-1]
+
+
+def near_limits(robot: Robot, rounding: float = 1e-9) -> Iterator[tuple[str, float, float, float]]:
+    """Yield each joint that is too near to a limit at home: its name, distance, and the range that keeps it off."""
+    keep, q = limit_margin(robot), robot.home
+    lower, upper = robot.lower + keep, robot.upper - keep
+    for k in np.flatnonzero((q < lower - rounding) | (q > upper + rounding)):
+        away = min(q[k] - robot.lower[k], robot.upper[k] - q[k])
+        yield robot.joint_names[k], float(away), float(lower[k]), float(upper[k])
+
+
+def links_apart_at_home(robot: Robot) -> list[tuple[tuple[str, str], float, float]]:
+    """Return links, distance and the distance that they have to keep at home, the nearest first [m]."""
+    geometry, needed = robot.collision, clearance_at_home(robot)
+    if not len(needed):
+        return []
+    data, of_geometry = robot.model.createData(), geometry.createData()
+    pin.computeDistances(robot.model, data, geometry, of_geometry, robot.home)
+    apart = [float(result.min_distance) for result in of_geometry.distanceResults]
+    links = [link_of(item.name) for item in geometry.geometryObjects]
+    ends = [(links[pair.first], links[pair.second]) for pair in geometry.collisionPairs]
+    return [(ends[k], apart[k], float(needed[k])) for k in np.argsort(apart, kind="stable")]
+
+
+def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
     """Return the configurations in which arm k is at home as an earlier arm of its kind, or as that in a mirror."""
     found, columns = [], robot.arms[k].columns
     for other in robot.arms[:k]:
@@ -132,15 +135,13 @@ def _as_before(robot: Robot, q: Array, k: int, how: HomeSettings) -> list[Array]
         if all(np.array_equal(limit[other.columns], limit[columns]) for limit in (robot.lower, robot.upper)):
             found.append(q.copy())
             found[-1][columns] = q[other.columns]
-        found += _mirrored(robot, q, other, robot.arms[k], how)
+        found += _mirrored(robot, q, other, robot.arms[k])
     return found
 
 
-def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm, how: HomeSettings) -> list[Array]:
-    """Return the configuration in which an arm is as another one in a mirror between them; none where their joints
-    are not alike but for signs.
-    """
-    if len(arm.columns) > how.most_signs:
+def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
+    """Return the configuration of an arm as another one in a mirror between them, if their joints allow."""
+    if len(arm.columns) > MOST_SIGNS:
         return []
     signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
     drawn = np.repeat(q[None], len(signs), axis=0)
@@ -153,7 +154,7 @@ def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm, how: HomeSettings) -
     places = hands[:, :3, 3] - base_of(robot, arm) - in_mirror * (hand[:3, 3] - base_of(robot, other))
     miss = np.linalg.norm(places, axis=1) + np.linalg.norm(hands[:, :3, 2] - in_mirror * hand[:3, 2], axis=1)
     best = int(miss.argmin())
-    return [drawn[best]] if miss[best] < how.settled else []
+    return [drawn[best]] if miss[best] < SETTLED else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +180,11 @@ class _Drawn:
     reach: float
 
     @classmethod
-    def of(cls, robot: Robot, arm: Arm, rng: np.random.Generator, count: int) -> _Drawn:
+    def of(cls, robot: Robot, arm: Arm, rng: np.random.Generator) -> _Drawn:
         lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
         low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-        drawn = np.repeat(robot.home[None], count, axis=0)
-        joints = drawn[:, arm.columns] = rng.uniform(low, high, (count, len(low)))
+        drawn = np.repeat(robot.home[None], N_DRAWN, axis=0)
+        joints = drawn[:, arm.columns] = rng.uniform(low, high, (N_DRAWN, len(low)))
         poses, base = robot.tool_poses(drawn, (arm,))[:, 0], base_of(robot, arm)
         places = poses[:, :3, 3] - base
         reach = float(np.linalg.norm(places, axis=1).max())
@@ -191,9 +192,7 @@ class _Drawn:
         return cls(arm, joints, comfort, places / reach, poses[:, :3, 2], base, reach)
 
     def best(self, q: Array, wanted: Array) -> Array:
-        """Return configurations of the robot with this arm moved, the best for a home first, and all else as in q;
-        array, shape (n, n_joints).
-        """
+        """Return q with this arm moved, the best for a home first; array, shape (n, n_joints)."""
         away = np.linalg.norm(self.places - wanted, axis=1)
         worth = self.comfort + 2.0 * (self.approach @ DOWN) - 2.0 * away
         found = np.repeat(q[None], len(worth), axis=0)
@@ -218,21 +217,21 @@ def floor_of(robot: Robot) -> float:
     return float(min((points[:, 2].min() for _, points in placed_bodies(robot, robot.home)), default=0.0))
 
 
-def _middle_of_reach(drawn: list[_Drawn], how: HomeSettings) -> Array:
+def _middle_of_reach(drawn: list[_Drawn]) -> Array:
     """Return the place straight in front of an arm's base at the middle height, and rather far away, of those where
     hands can point down; array, shape (3,), in reaches.
     """
     places = np.concatenate([arm.places for arm in drawn])
-    front = -1.0 if places[:, 0].mean() < how.backwards else 1.0
-    ahead = front * places[:, 0] > how.in_front
-    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > np.cos(how.steep)
+    front = -1.0 if places[:, 0].mean() < BACKWARDS else 1.0
+    ahead = front * places[:, 0] > IN_FRONT
+    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > np.cos(STEEP)
     known = places[ahead & down] if (ahead & down).any() else places[ahead]
     if not len(known):
         return np.array([front * 0.5, 0.0, -0.15])
-    return np.array([front * np.quantile(front * known[:, 0], how.far), 0.0, np.median(known[:, 2])])
+    return np.array([front * np.quantile(front * known[:, 0], FAR), 0.0, np.median(known[:, 2])])
 
 
-def _facing(bases: Array, ahead: Array, how: HomeSettings) -> Array:
+def _facing(bases: Array, ahead: Array) -> Array:
     """Return the place of each hand from its base, in reaches: `ahead`, or between the bases of two arms that stand
     one behind the other, and so face each other; array, shape (n_arms, 3).
 
@@ -245,56 +244,45 @@ def _facing(bases: Array, ahead: Array, how: HomeSettings) -> Array:
     if len(bases) != 2:
         return wanted
     way = bases[1] - bases[0]
-    room = 0.5 * (abs(way[0]) - how.apart)
-    if room > how.in_front and abs(way[0]) > abs(way[1]):
+    room = 0.5 * (abs(way[0]) - APART)
+    if room > IN_FRONT and abs(way[0]) > abs(way[1]):
         wanted[:, 0] = np.sign(way[0]) * min(room, abs(ahead[0])) * np.array([1.0, -1.0])
     return wanted
 
 
-def _settled(
-    robot: Robot, arm: Arm, q: Array, place: Array, reach: float, how: HomeSettings
-) -> tuple[Array, float]:
-    """Return a configuration near to q whose hand points down at a place [m], or as nearly so as the joints allow,
-    and by how many reaches and radians it misses that.
-    """
+def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:
+    """Return joints near to q whose hand points down at a place, and by what it misses [reaches, rad]."""
     model, q = robot.model, q.copy()
     data, frame = model.createData(), model.getFrameId(arm.tip)
     aside = np.eye(3)[:2]  # the axes about which a hand that points down is turned; the vertical one is free
     keep, miss = limit_margin(robot), np.inf
     lower, upper = robot.lower + keep, robot.upper - keep
     q = np.clip(q, lower, upper)
-    for _ in range(how.n_steps):
+    for _ in range(N_STEPS):
         pose = robot.tool_pose(q, arm)
         error = np.concatenate([place - pose[:3, 3], aside @ np.cross(pose[:3, 2], DOWN)])
         miss = float(np.linalg.norm(error[:3])) / reach + tilt_of(pose)
-        if miss < how.settled:
+        if miss < SETTLED:
             break
         moved = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
         lever = pose[:3, 3] - data.oMf[frame].translation
         rates = np.concatenate([moved[:3] + np.cross(moved[3:].T, lever).T, aside @ moved[3:]])
-        square = rates @ rates.T + how.damping * np.eye(5)
-        q[arm.columns] += how.gain * rates.T @ np.linalg.solve(square, error)
+        square = rates @ rates.T + DAMPING * np.eye(5)
+        q[arm.columns] += GAIN * rates.T @ np.linalg.solve(square, error)
         q = np.clip(q, lower, upper)
-    return _rounded(q, lower, upper, how), miss
+    return _rounded(q, lower, upper), miss
 
 
-def _rounded(q: Array, lower: Array, upper: Array, how: HomeSettings) -> Array:
+def _rounded(q: Array, lower: Array, upper: Array) -> Array:
     """Return joints within limits, rounded where that leaves them there; arrays, shape (n_joints,)."""
     q = np.clip(q, lower, upper)
-    rounded = q.round(how.digits)
+    rounded = q.round(DIGITS)
     return np.where((rounded < lower) | (rounded > upper), q, rounded)
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
-    """Return the first configuration at which all links keep what approach and release need, with as much to spare
-    as one has; None if none does.
-
-    Parameters
-    ----------
-    needed : array, shape (n_pairs,), clearance of the pairs of links [m]
-    """
-    least, *more = (spare for spare in RoomSettings().spares[::-1])
-    margins = (needed + (spare - least) for spare in (*more[::-1], least))
+    """Return the first configuration with what pairs of links need [m] and most to spare; None if none has."""
+    margins = (needed + (spare - SPARES[-1]) for spare in SPARES)
     near = (each for margin in margins for each in some if _is_free(robot, each, margin, later))
     return next(near, None)
 

@@ -24,19 +24,25 @@ from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
 from comove.robots.further_limits import in_radians_or_metres
-from comove.robots.grippers import gripper_links
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
-from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
+from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, points_from_tip, touching
 from comove.robots.proposal.examination import overloaded
-from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
-from comove.robots.proposal.rules import clearance_at_home
-from comove.robots.proposal.tree import GUESSED, MOVING, ArmShape, Chain, Tree, has_word
+from comove.robots.proposal.homes import clearance_at_home, homes_of
+from comove.robots.proposal.tree import GUESSED, LONGEST_FINGER, MOVING, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
 
 Pair = tuple[str, str]
 
+ENDLESS = 3.14  # rad, limit either way of joints that turn without end or state none
+SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
+N_SAMPLES = 300  # random configurations that tell which pairs of links touch always, and which come near
+ALWAYS = 0.95  # share of these from which on a pair counts as always touching
+TIP_OFF = 0.01  # m, of a tip, or a joint before, from the last joint from which on it tells the approach
+MASS_OFF = 0.02  # m, likewise of the centre of mass of a hand without a body
+BETWEEN_FROM = 0.3  # share of the fingers' length from which on a tip lies between them
+GRIP = 0.75  # share of the fingers' length at which a tool is put
 SIDES = ("left", "right")
 TOLD = {
     "Always": "touch in every configuration",
@@ -49,36 +55,6 @@ FORWARD = re.compile(
 )  # of frames whose z leads forward by convention
 MOUNT = "tool|ee|eef|flange"  # words of frames whose z, or x, leads forward
 SIDE_OF = re.compile(r"(?:^|[_/])((?i:left|right|l|r))(?=[_/]|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
-
-
-@dataclass(frozen=True)
-class ProposalSettings:
-    """Settings of guesses.
-
-    Attributes
-    ----------
-    endless : limit, either way, of joints that turn without end or state none [rad]
-    springs : share of a weight that is too much for a motor, guessed to be held by springs
-    n_samples : random configurations that tell which pairs of links touch always, and which come near
-    always : share of these from which on a pair counts as always touching
-    tip_off : distance of a tip, or of a joint before, from the last joint from which on it tells the direction of
-        approach [m]
-    mass_off : likewise of the centre of mass of a hand without a body [m]
-    between : share of the fingers' length from which on a tip lies between them
-    grip : share of the fingers' length at which a tool is put
-    arm, home : settings of the search for arms, and for their homes
-    """
-
-    endless: float = 3.14
-    springs: float = 0.9
-    n_samples: int = 300
-    always: float = 0.95
-    tip_off: float = 0.01
-    mass_off: float = 0.02
-    between: float = 0.3
-    grip: float = 0.75
-    arm: ArmShape = field(default_factory=ArmShape)
-    home: HomeSettings = field(default_factory=HomeSettings)
 
 
 @dataclass(frozen=True)
@@ -130,7 +106,6 @@ def propose(
     around: Scene | None = None,
     gripper: str | None = None,
     seed: int = 0,
-    settings: ProposalSettings = ProposalSettings(),
 ) -> Proposal:
     """Propose the description of a robot that one or several URDFs form.
 
@@ -149,45 +124,49 @@ def propose(
     RobotError
         If a URDF is missing or unsound, or there is no arm in it.
     """
-    parts = tuple(_part(urdf, i, len(urdfs), file, apart, settings.arm) for i, urdf in enumerate(urdfs))
-    data, notes = _arms_of(parts, settings)
+    parts = tuple(_part(urdf, i, len(urdfs), file, apart) for i, urdf in enumerate(urdfs))
+    data, notes = _arms_of(parts)
     if not data["arms"]:
         raise RobotError(
             f"no arm of four joints or more was found in {', '.join(urdfs)}",
             file=file,
             way_out="write the description by hand: docs/robots.md",
         )
-    data = {"name": _name_of(file), **data}
+    data = {"name": re.sub(r"\W+", "_", file.stem) or "robot", **data}
     with warnings.catch_warnings():  # they come once, with the last robot
         warnings.simplefilter("ignore", ComoveWarning)
         if gripper is not None:
-            data, more = _with_gripper(data, gripper, parts, file, settings)
+            data, more = _with_gripper(data, gripper, file)
             notes += more
-        data, more = _with_tools(data, _robot(data, file), parts, settings)
+        data, more = _with_tools(data, _robot(data, file), parts)
         robot, notes = _robot(data, file), notes + more
-    left_out, touching = _left_out(robot, parts, seed, settings)
+    left_out, touching = _left_out(robot, parts, seed)
     for name, links in touching.items():
         data["arms"][name]["gripper"]["touch_links"] = links
         notes.append(f"{', '.join(links)} may touch the gripper of '{name}', as `touch_links` says")
     srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
-    pairs = [pair for part in parts for pair in _named(part, left_out)]
+    pairs = [
+        ((part.prefix + a, part.prefix + b), reason)
+        for part in parts
+        for (a, b), reason in left_out[part.entry["urdf"]].items()
+    ]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed, settings.home, around)
-    for arm, home in zip(robot.arms, homes.joints, strict=True):
+    homes, more = homes_of(robot, seed, around)
+    for arm, home in zip(robot.arms, homes, strict=True):
         data["arms"][arm.name]["home"] = home.tolist()
-    notes += homes.notes
+    notes += more
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, settings.springs)
+        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, SPRINGS)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
-            f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
+            f"springs hold {SPRINGS:.0%} of it, of which a URDF does not know"
         )
     return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
 
 
-def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[str, Any], list[str]]:
+def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
     """Return the entries of models, arms, posture and limits of a description, and notes on what was guessed."""
     data: dict[str, Any] = {"models": [part.entry for part in parts], "arms": {}}
     notes = [note for part in parts for note in part.notes]
@@ -213,7 +192,7 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
                     f"{', '.join(trunk)} move several arms or a base: `posture` says where they stay"
                 )
             posture |= trunk
-        guessed = _limits_of(part, settings.endless)
+        guessed = _limits_of(part)
         limits |= guessed
         notes += _told_guesses(guessed)
         own = {joint for chain in part.chains for joint in chain.joints}
@@ -252,10 +231,6 @@ def _told_guesses(guessed: dict[str, dict[str, float]]) -> Iterator[str]:
         )
 
 
-def _name_of(file: Path) -> str:
-    return re.sub(r"\W+", "_", file.stem) or "robot"
-
-
 def _srdf_beside(urdf: Path, named: str) -> str | None:
     """Return the SRDF of a URDF, named as that is, or None: of its name in its folder, or alike in the folder `srdf`
     next to that, the one that shares most with it. That of a ur5e is not alike that of a ur5.
@@ -273,23 +248,33 @@ def _srdf_beside(urdf: Path, named: str) -> str | None:
     return named.removesuffix(urdf.relative_to(shared).as_posix()) + pairs.relative_to(shared).as_posix()
 
 
+def _read(urdf: str, file: Path) -> tuple[Path, dict[str, Any], ET.Element, Tree]:
+    """Return the path of a model that a person names, its entry in a description in `file`, its root and its tree."""
+    path, named = Path(urdf), urdf
+    if "://" in urdf:
+        path = resolve(urdf, file)
+    else:
+        named = os.path.relpath(urdf, file.absolute().parent)
+    top = elements_in(path, URDF)
+    with errors_in(path):
+        require_tree(top)
+    entry = {"urdf": named}
+    if (pairs := _srdf_beside(path, named)) is not None:
+        entry["srdf"] = pairs
+    return path, entry, top, Tree.of(top)
+
+
 def _begins(name: str, stem: str) -> bool:
     return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
-def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
+def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
     """Read one URDF and find its arms."""
-    path, named = _place_of(urdf, file)
-    top = elements_in(path, URDF)
-    with errors_in(path):
-        require_tree(top)
-    tree = Tree.of(top, shape)
-    entry: dict[str, Any] = {"urdf": named}
+    path, entry, top, tree = _read(urdf, file)
     notes: list[str] = []
-    if (pairs := _srdf_beside(path, named)) is not None:
-        entry["srdf"] = pairs
+    if "srdf" in entry:
         notes.append(
-            f"pairs that need not be kept apart are those of {Path(pairs).name}, which lay beside the URDF"
+            f"pairs that need not be kept apart are those of {Path(entry['srdf']).name}, which lay beside the URDF"
         )
     if n > 1:
         entry["prefix"] = f"{SIDES[i]}_" if n == len(SIDES) else f"robot{i + 1}_"
@@ -328,13 +313,8 @@ def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
     return name
 
 
-def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
-    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one.
-
-    Parameters
-    ----------
-    endless : limit, either way, of joints that turn without end [rad]
-    """
+def _limits_of(part: _Part) -> dict[str, dict[str, float]]:
+    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one."""
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
     for joint in part.tree.joints:
@@ -349,7 +329,7 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
             }
             lower, upper = joint.bounds
             if joint.kind == "continuous" or not lower < upper:
-                missing |= {"lower": -endless, "upper": endless}
+                missing |= {"lower": -ENDLESS, "upper": ENDLESS}
             elif (right := in_radians_or_metres(lower, upper, slides=joint.kind == "prismatic")) is not None:
                 missing |= dict(zip(("lower", "upper"), right, strict=True))
         if missing:
@@ -362,26 +342,24 @@ def _robot(data: dict[str, Any], file: Path) -> Robot:
 
 
 def _with_tools(
-    data: dict[str, Any], robot: Robot, parts: Sequence[_Part], how: ProposalSettings
+    data: dict[str, Any], robot: Robot, parts: Sequence[_Part]
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
     chains = [(part.prefix, chain) for part in parts for chain in part.chains]
     arms, notes = dict(data["arms"]), []
-    bodies = list(placed_bodies(robot, robot.home))
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
-        hand = gripper_links(robot, arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
-        held = [points for link, points in bodies if link in hand]
-        frames = _finger_frames(robot, arm)
+        hand = robot.gripper_links(arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
+        held = points_from_tip(robot, arm, hand)
         at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
         if not arm.fingers:
-            tool, note = _flange(robot, arm, frames[0], [] if at_tip else held, how)
+            tool, note = _flange(robot, arm, held[:0] if at_tip else held)
             arms[arm.name] = arms[arm.name] | tool
             notes.append(note)
             continue
-        turn, begin = _grasp_axes(frames, bool(FORWARD.search(chain.tip)))
+        turn, begin = _grasp_axes(_finger_frames(robot, arm), bool(FORWARD.search(chain.tip)))
         approach = turn[:, 2]
-        end = _farthest(robot, arm, approach, held, begin)
-        between = at_tip and begin + how.between * (end - begin) <= 0.0
+        end = float((held @ approach).max(initial=begin))
+        between = at_tip and begin + BETWEEN_FROM * (end - begin) <= 0.0
         if between and approach[2] > 0.5:
             continue
         if between:
@@ -391,8 +369,8 @@ def _with_tools(
                 "so that z is the direction of approach"
             )
             continue
-        arms[arm.name] = arms[arm.name] | _tool(turn, begin + how.grip * (end - begin))
-        where = f"{how.grip:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
+        arms[arm.name] = arms[arm.name] | _tool(turn, begin + GRIP * (end - begin))
+        where = f"{GRIP:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
         notes.append(
             f"the tool of '{arm.name}' is {where}, its approach along {_axis_name(approach)} of '{arm.tip}': see the "
             "picture, and move it between the finger tips"
@@ -400,28 +378,19 @@ def _with_tools(
     return data | {"arms": arms}, notes
 
 
-def _with_gripper(
-    data: dict[str, Any], gripper: str, parts: Sequence[_Part], file: Path, how: ProposalSettings
-) -> tuple[dict[str, Any], list[str]]:
+def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[str, Any], list[str]]:
     """Return the description with a gripper on every arm without fingers, and notes about them.
 
     The gripper's bodies are turned along the approach of the arm.
     """
-    path, named = _place_of(gripper, file)
-    top = elements_in(path, URDF)
-    with errors_in(path):
-        require_tree(top)
-    tree = Tree.of(top, how.arm)
-    if chain := next((chain for chain in tree.chains() if len(chain.joints) > how.arm.longest_finger), None):
+    path, entry, _, tree = _read(gripper, file)
+    if chain := next((chain for chain in tree.chains() if len(chain.joints) > LONGEST_FINGER), None):
         raise RobotError(
             f"it has an arm of its own, from '{chain.joints[0]}' to '{chain.joints[-1]}'",
             file=path,
             way_out="name the URDF of the gripper alone",
         )
     moving = [joint.name for joint in tree.joints if joint.kind in MOVING]
-    entry = {"urdf": named}
-    if (pairs := _srdf_beside(path, named)) is not None:
-        entry["srdf"] = pairs
     bare = _robot(data, file)
     data = data | {"arms": dict(data["arms"]), "limits": dict(data.get("limits", {}))}
     arms, notes = [arm for arm in bare.arms if not arm.fingers], list[str]()
@@ -436,18 +405,16 @@ def _with_gripper(
         fingers = {"fingers": [prefix + name for name in moving]} if moving else {}
         data["arms"][arm.name] = data["arms"][arm.name] | fingers | {"gripper": dict(entry)}
         chain = Chain((), (), (), (), tuple(moving), ())
-        guessed = _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()), how.endless)
+        guessed = _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()))
         data["limits"] |= guessed
         notes += _told_guesses(guessed)
     if not data["limits"]:
         del data["limits"]
     robot = _robot(data, file)
-    bodies = list(placed_bodies(robot, robot.home))
     for arm in arms:
-        own, tip = gripper_links(robot, arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-        points = [(points - tip[:3, 3]) @ tip[:3, :3] for link, points in bodies if link in own]
-        forward = _nearest_axis(np.concatenate([*points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
-        approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach(how)
+        points = points_from_tip(robot, arm, robot.gripper_links(arm))
+        forward = _nearest_axis(np.concatenate([points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
+        approach, why, _ = _approach_of(bare, arm)
         if (approach != forward).any():
             turn, _ = Rotation.align_vectors(approach, forward)
             quaternion = turn.as_quat(scalar_first=True).round(6).tolist()
@@ -457,13 +424,6 @@ def _with_gripper(
             f"{_axis_name(approach)} of that, {why}: see the picture, and correct `mount`"
         )
     return data, notes
-
-
-def _place_of(urdf: str, file: Path) -> tuple[Path, str]:
-    """Return the path of a model that a person names, and how a description in `file` names it."""
-    if "://" in urdf:
-        return resolve(urdf, file), urdf
-    return Path(urdf), os.path.relpath(urdf, file.absolute().parent)
 
 
 def _tool(turn: Array, along: float) -> dict[str, Any]:
@@ -486,9 +446,7 @@ def _axis_name(axis: Array) -> str:
     return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
 
 
-def _flange(
-    robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array], how: ProposalSettings
-) -> tuple[dict[str, Any], str]:
+def _flange(robot: Robot, arm: Arm, hand: Array) -> tuple[dict[str, Any], str]:
     """Return the entry of the tool of an arm without fingers, and a note about it.
 
     The payload is at the end of what is fixed to the tip; where a hand without a body is known by its mass alone, at
@@ -496,13 +454,11 @@ def _flange(
 
     Parameters
     ----------
-    from_wrist : array, shape (3,), the tip from the last joint, in its own frame [m]
-    hand : as in `_farthest`; empty for a tip that is the tool itself
+    hand : array, shape (n, 3), points around what is fixed to the tip; empty for a tip that is the tool itself [m]
     """
-    wrist = _Wrist.of(robot, arm, from_wrist)
-    approach, why = wrist.approach(how)
-    least = float(wrist.center @ approach) if why == BY_MASS else 0.0
-    end = _farthest(robot, arm, approach, hand, least)
+    approach, why, center = _approach_of(robot, arm)
+    least = float(center @ approach) if why == BY_MASS else 0.0
+    end = float((hand @ approach).max(initial=least))
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
     axes[:, 0] *= np.linalg.det(axes)
     return _tool(axes, max(end, 0.0)), (
@@ -520,95 +476,45 @@ BY_CHAIN = "away from the joints before"
 BY_NOTHING = "as nothing tells of another"
 
 
-@dataclass(frozen=True, eq=False)
-class _Wrist:
-    """The end of an arm without fingers, in the axes of its tip.
+def _approach_of(robot: Robot, arm: Arm) -> tuple[Array, str, Array]:
+    """Return the signed axis of a bare tip that is its approach, why, and the hand's centre of mass in the tip [m].
 
-    Attributes
-    ----------
-    tip : name of the tip
-    place : array, shape (3,), the tip from the last joint [m]
-    axis : array, shape (3,), axis of the last joint
-    center : array, shape (3,), centre of mass of all that the last joint moves, from the tip [m]
-    before : array, shape (n, 3), the last joint from those before it, the nearest first [m]
+    A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
+    of mass tells only of a hand that reaches out aside of the last axis: that of a bare flange lies behind it.
     """
-
-    tip: str
-    place: Array
-    axis: Array
-    center: Array
-    before: Array
-
-    @classmethod
-    def of(cls, robot: Robot, arm: Arm, place: Array) -> _Wrist:
-        """Return the end of an arm, with all joints at home."""
-        model, data = robot.model, robot.model.createData()
-        last, *before = (int(column) + 1 for column in arm.columns[::-1])
-        pin.framesForwardKinematics(model, data, robot.home)
-        tip, origin = data.oMf[model.getFrameId(arm.tip)], data.oMi[last].translation
-        turn = tip.rotation.T
-        axes, _ = joint_axes(model)
-        return cls(
-            tip=arm.tip,
-            place=place,
-            axis=turn @ data.oMi[last].rotation @ axes[last - 1],
-            center=np.array(tip.actInv(data.oMi[last].act(model.inertias[last].lever))),
-            before=np.array([turn @ (origin - data.oMi[joint].translation) for joint in before]).reshape(
-                -1, 3
-            ),
-        )
-
-    def approach(self, how: ProposalSettings) -> tuple[Array, str]:
-        """Return the signed axis of the tip along which it approaches, and why.
-
-        A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
-        of mass tells only of a hand that reaches out aside of the last axis: that of a bare flange lies behind it.
-        """
-        forward = np.array([0.0, 0.0, 1.0])
-        if FORWARD.search(self.tip):
-            return forward, BY_NAME
-        if np.linalg.norm(self.place) > how.tip_off:
-            return _nearest_axis(self.place), BY_PLACE
-        if has_word(self.tip, MOUNT):
-            return (np.roll(forward, 1) if np.abs(self.axis).argmax() == 0 else forward), BY_NAME
-        mass = self.place + self.center
-        along = float(mass @ self.axis)
-        aside = mass - along * self.axis
-        if np.linalg.norm(aside) > max(how.mass_off, abs(along)):
-            return _nearest_axis(aside), BY_MASS
-        far = self.before[np.linalg.norm(self.before, axis=1) > how.tip_off]
-        rolls = len(far) > 0 and abs(far[0] @ self.axis) > 0.5 * np.linalg.norm(far[0])
-        if rolls:
-            return _nearest_axis(float(far[0] @ self.axis) * self.axis), BY_AXIS
-        if abs(along) > how.mass_off:
-            return _nearest_axis(along * self.axis), BY_MASS
-        return (_nearest_axis(far[0]), BY_CHAIN) if len(far) else (forward, BY_NOTHING)
-
-
-def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], least: float) -> float:
-    """Return how far a hand reaches along the approach from the tip, `least` at least [m].
-
-    Parameters
-    ----------
-    approach : array, shape (3,), in the frame of the tip
-    hand : arrays, shape (n, 3), points around its bodies at home [m]
-    """
-    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-    along = tip[:3, :3] @ approach
-    return max([least, *(float(((points - tip[:3, 3]) @ along).max()) for points in hand)])
+    model, data = robot.model, robot.model.createData()
+    last, *before = (int(column) + 1 for column in arm.columns[::-1])
+    pin.framesForwardKinematics(model, data, robot.home)
+    tip, origin = data.oMf[model.getFrameId(arm.tip)], data.oMi[last].translation
+    turn, forward = tip.rotation.T, np.array([0.0, 0.0, 1.0])
+    place = turn @ (tip.translation - origin)
+    axis = turn @ data.oMi[last].rotation @ joint_axes(model)[0][last - 1]
+    center = np.array(tip.actInv(data.oMi[last].act(model.inertias[last].lever)))
+    steps = (turn @ (origin - data.oMi[joint].translation) for joint in before)
+    far = next((step for step in steps if np.linalg.norm(step) > TIP_OFF), None)
+    along = float((place + center) @ axis)
+    aside = place + center - along * axis
+    if FORWARD.search(arm.tip):
+        found = forward, BY_NAME
+    elif np.linalg.norm(place) > TIP_OFF:
+        found = _nearest_axis(place), BY_PLACE
+    elif has_word(arm.tip, MOUNT):
+        found = np.roll(forward, 1) if np.abs(axis).argmax() == 0 else forward, BY_NAME
+    elif np.linalg.norm(aside) > max(MASS_OFF, abs(along)):
+        found = _nearest_axis(aside), BY_MASS
+    elif far is not None and abs(far @ axis) > 0.5 * np.linalg.norm(far):
+        found = _nearest_axis(float(far @ axis) * axis), BY_AXIS
+    elif abs(along) > MASS_OFF:
+        found = _nearest_axis(along * axis), BY_MASS
+    else:
+        found = (forward, BY_NOTHING) if far is None else (_nearest_axis(far), BY_CHAIN)
+    return *found, center
 
 
 def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
     """Return the axes of a grasp frame in those of the tip, and how far along its approach the fingers begin [m].
 
-    Parameters
-    ----------
-    frames : array, shape (1 + n_fingers, 3), as `_finger_frames` returns them
-    z_is_forward : whether the tip is a frame whose z is its approach by convention
-
-    Returns
-    -------
-    array, shape (3, 3), a rotation, and the distance from the tip
+    `frames` are those of `_finger_frames`; `z_is_forward` of tips whose z is their approach by convention.
     """
     from_wrist, fingers = frames[0], frames[1:]  # the tip is at minus the one from the last joint
     middle = fingers.mean(axis=0)
@@ -624,14 +530,8 @@ def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
 
 
 def _finger_frames(robot: Robot, arm: Arm) -> Array:
-    """Return the places of the tip and of the fingers' joints from the arm's last joint, along the axes of the tip.
-
-    Returns
-    -------
-    array, shape (1 + n_fingers, 3) [m]
-    """
-    model = robot.model
-    data = model.createData()
+    """Return tip and fingers' joints from the last joint, along the tip's axes; array, (1 + n_fingers, 3) [m]."""
+    model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, robot.home)
     wrist, tip = data.oMi[int(arm.columns[-1]) + 1].translation, data.oMf[model.getFrameId(arm.tip)]
     frames = [tip, *(data.oMf[frame_of_joint(model, finger)] for finger in arm.fingers)]
@@ -646,7 +546,7 @@ def _nearest_axis(vector: Array) -> Array:
 
 
 def _left_out(
-    robot: Robot, parts: Sequence[_Part], seed: int, how: ProposalSettings
+    robot: Robot, parts: Sequence[_Part], seed: int
 ) -> tuple[dict[str, dict[Pair, str]], dict[str, list[str]]]:
     """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
 
@@ -658,15 +558,15 @@ def _left_out(
     gripper touches so
     """
     rng = np.random.default_rng(seed)
-    drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
+    drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
-    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= how.always}
-    never = near_but_apart(robot, clearance_at_home(robot), how.n_samples, rng)
+    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS}
+    never = near_but_apart(robot, clearance_at_home(robot), N_SAMPLES, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     touched: dict[str, list[str]] = {}
     for arm in robot.arms:
-        own = gripper_links(robot, arm)
+        own = robot.gripper_links(arm)
         for pair in [pair for pair in reasons if own & set(pair)]:
             del reasons[pair]
             touched.setdefault(arm.name, []).extend(link for link in pair if link not in own)
@@ -675,11 +575,6 @@ def _left_out(
             inside = a.removeprefix(part.prefix), b.removeprefix(part.prefix)
             found[part.entry["urdf"]][inside] = reason
     return found, {name: sorted(set(links)) for name, links in touched.items()}
-
-
-def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:
-    pairs = left_out[part.entry["urdf"]].items()
-    return [((part.prefix + a, part.prefix + b), reason) for (a, b), reason in pairs]
 
 
 def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:

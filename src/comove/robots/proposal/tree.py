@@ -15,7 +15,7 @@ from functools import cached_property
 from math import inf, pi
 
 from comove.robots.further_limits import stated_limits
-from comove.robots.soundness import number
+from comove.robots.soundness import ends_of, number
 
 MOVING = ("revolute", "continuous", "prismatic")
 # By kind of joint, where a model states nothing above 0 [rad/s, N m, m/s, N].
@@ -38,6 +38,10 @@ TIPS = (
     "gripper",
 )
 """Words in the name of an arm's last frame, the best first; with $ only as the last word."""
+LEAST = 4  # joints of an arm
+FINGER = 4  # joints of the fingers that leave a palm, at most
+LONGEST_FINGER = 5  # joints of any finger, at most: as many as thumb and little finger of a Shadow hand have
+MANY = 3  # joints that leave a body, from which on it is a hand
 LONG_STROKE = 0.2  # m, from which on a joint that slides is no finger unless it is called so
 LONGEST_STROKE = 4.0  # m, beyond which what slides is no lift or gantry of an arm, but a base that drives
 
@@ -53,24 +57,6 @@ def has_word(name: str, pattern: str | re.Pattern[str]) -> bool:
     if isinstance(pattern, str) and pattern.endswith("$"):
         words, pattern = words[-1:], pattern[:-1]
     return any(re.fullmatch(pattern, word) for word in words)
-
-
-@dataclass(frozen=True)
-class ArmShape:
-    """Numbers that tell arms, hands and fingers apart.
-
-    Attributes
-    ----------
-    least : joints of an arm
-    finger : joints of the fingers that leave a palm, at most
-    longest_finger : joints of any finger, at most: as many as thumb and little finger of a Shadow hand have
-    many : joints that leave a body, from which on it is a hand
-    """
-
-    least: int = 4
-    finger: int = 4
-    longest_finger: int = 5
-    many: int = 3
 
 
 @dataclass(frozen=True)
@@ -191,24 +177,21 @@ class Tree:
     root : link without a parent
     joints : all joints
     bodiless : links that have neither mass nor shape
-    shape : numbers that tell arms, hands and fingers apart
     """
 
     name: str
     root: str
     joints: tuple[Joint, ...]
     bodiless: frozenset[str] = frozenset()
-    shape: ArmShape = ArmShape()
 
     @classmethod
-    def of(cls, top: ET.Element, shape: ArmShape = ArmShape()) -> Tree:
+    def of(cls, top: ET.Element) -> Tree:
         """Return the tree of a URDF's root element, which `comove.robots.soundness.require_tree` has accepted."""
         joints = tuple(
             Joint(
                 joint.get("name", ""),
                 joint.get("type", ""),
-                joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
-                joint.find("child").get("link", ""),  # type: ignore[union-attr]
+                *ends_of(joint),
                 next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
                 stated_limits(joint),
                 tuple(word for limit in joint.findall("limit") for word in limit.get(GUESSES, "").split()),
@@ -223,7 +206,7 @@ class Tree:
             for link in top.findall("link")
             if not any(link.find(tag) is not None for tag in ("inertial", "collision", "visual"))
         )
-        return cls(top.get("name", "robot"), roots[0], joints, bodiless, shape)
+        return cls(top.get("name", "robot"), roots[0], joints, bodiless)
 
     @cached_property
     def _below(self) -> dict[str, list[Joint]]:
@@ -252,14 +235,14 @@ class Tree:
     def is_palm(self, link: str) -> bool:
         """Return whether only fingers leave the body of a link."""
         leaving = self.leaving(link)
-        short = all(self.depth(joint) <= self.shape.finger for joint in leaving)
+        short = all(self.depth(joint) <= FINGER for joint in leaving)
         of_gripper = [joint for joint in leaving if joint.grips]
         return bool(leaving) and short and (len(leaving) > 1 or len(of_gripper) == len(leaving))
 
     def chains(self) -> tuple[Chain, ...]:
         """Return the arms of the robot, and what else is as long as an arm."""
         found = map(self._without_drive, self._from(self.root, (), ()))
-        return tuple(chain for chain in found if len(chain.joints) >= self.shape.least)
+        return tuple(chain for chain in found if len(chain.joints) >= LEAST)
 
     def _without_drive(self, chain: Chain) -> Chain:
         """Return a chain whose first joints, if they drive a mobile base, are of its trunk: as far as the last that
@@ -280,11 +263,11 @@ class Tree:
 
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
         """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""
-        leaving, shape = self.leaving(link), self.shape
-        deep = sum(self.depth(joint) > shape.longest_finger for joint in leaving)
+        leaving = self.leaving(link)
+        deep = sum(self.depth(joint) > LONGEST_FINGER for joint in leaving)
         is_chest = deep == 2  # models of hands have such fingers as well, but more
-        has_fingers = self.is_palm(link) or len(leaving) >= shape.many
-        at_hand = len(joints) >= shape.least and not is_chest and has_fingers
+        has_fingers = self.is_palm(link) or len(leaving) >= MANY
+        at_hand = len(joints) >= LEAST and not is_chest and has_fingers
         if not leaving or at_hand:
             fingers = tuple(self._all_from(leaving))
             grippers = (link for finger in fingers for link in self.body(finger.child))
@@ -293,7 +276,7 @@ class Tree:
             names = tuple(finger.name for finger in fingers)
             yield Chain(trunk, joints, moved, self.body(link), names, tuple(grippers))
             return
-        long = [joint for joint in leaving if self.depth(joint) >= shape.least]
+        long = [joint for joint in leaving if self.depth(joint) >= LEAST]
         if len(long) > 1:
             for joint in long:
                 yield from self._from(joint.child, (*trunk, *joints), (joint.name,))
