@@ -202,8 +202,9 @@ def certify_curve(
     found = certified_border(curve, ends, radii, np.array(scene.workspace), need, found)
     hulls = [(body.edges, body.radii), (body.solids, np.zeros(len(body.solids)))]
     hulls = [(own, thick) for own, thick in hulls if len(own)]
+    views = list(_views(scene, curve, paths))
     for at_knots in (True, False):  # first what the clearance is about, which spares much of the rest
-        for seen, rows, meshes in _views(scene, curve, paths):
+        for seen, rows, meshes in views:
             if at_knots:
                 found = edges_at_knots(seen.nodes, body.edges, body.radii, rows, need, found)
                 if len(body.solids):
@@ -229,14 +230,16 @@ def _views(
     scene: Scene, curve: CurveArrays, paths: Paths
 ) -> Iterator[tuple[CurveArrays, ConvexObstacles, list[MeshAround]]]:
     """Yield the curve as obstacles see it, and these obstacles: first all that stand, then each one that moves."""
-    displaced = np.concatenate([paths.offset, paths.turn], axis=2).any(axis=(0, 2))
-    moves = np.asarray(displaced | paths.sagitta.any(axis=0))
-    for own in (np.flatnonzero(~moves), *np.flatnonzero(moves)[:, None]):
-        rows = scene.convex_rows & np.isin(scene.owners, own)
-        meshes = np.flatnonzero(np.isin(scene.surfaces.owner, own))
+    moves = np.zeros(len(scene.motions), dtype=bool)
+    for array in paths:
+        if array.any():
+            moves |= array.reshape(len(array), len(moves), -1).any(axis=(0, 2))
+    for own in (~moves, *np.eye(len(moves), dtype=bool)[moves]):
+        rows = scene.convex_rows & own[scene.owners]
+        meshes = np.flatnonzero(own[scene.surfaces.owner])
         if rows.any() or len(meshes):
             yield (
-                _seen(curve, scene, paths, int(own[0])) if moves[own[0]] else curve,
+                _seen(curve, scene, paths, int(own.argmax())) if (own & moves).any() else curve,
                 ConvexObstacles(scene.obstacles[rows], scene.owners[rows]),
                 [MeshAround(scene.surfaces, int(i), int(scene.surfaces.owner[i])) for i in meshes],
             )
