@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from comove.control.executor import ExecutionLog
+from comove.control.loop import ExecutionLog
 from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.sim.live_record import OnlineRecord, judge_run

@@ -19,7 +19,7 @@ from comove.robots import Robot, RobotCarrier, bundled_robots, plan_transfers
 from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
 from comove.robots.proposal import first_scene, propose_scene
-from comove.robots.proposal.first_scene import N_CARRIED, _Place, largest_rectangle
+from comove.robots.proposal.first_scene import SETTINGS, _Place, largest_rectangle
 from comove.robots.proposal.homes import floor_of
 from tests.commands import invoke
 
@@ -112,7 +112,7 @@ def test_what_keeps_hands_from_approaching_is_told(monkeypatch):
     proposal = propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
     assert proposal.found.verified
     assert "at home, an arm and the load" in proposal.unreached
-    assert len(tried) == N_CARRIED
+    assert len(tried) == SETTINGS.n_carried
 
 
 @pytest.mark.slow

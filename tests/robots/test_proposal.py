@@ -16,7 +16,8 @@ from comove.robots import Robot
 from comove.robots.description import load_description
 from comove.robots.proposal import examine, homes, propose
 from comove.robots.proposal import proposal as proposals
-from comove.robots.proposal.proposal import _srdf_beside
+from comove.robots.proposal.homes import HomeSettings
+from comove.robots.proposal.proposal import ProposalSettings, _srdf_beside
 from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
@@ -234,9 +235,8 @@ APPROACHES = {  # of published models, by what their makers say of these frames,
 @pytest.fixture
 def cheap(monkeypatch):
     """Where neither homes nor pairs that touch matter."""
-    monkeypatch.setattr(proposals, "N_SAMPLES", 1)
-    for name, count in {"N_DRAWN": 10, "N_TRIED": 1, "N_STEPS": 1}.items():
-        monkeypatch.setattr(homes, name, count)
+    monkeypatch.setattr(proposals, "SETTINGS", ProposalSettings(n_samples=1))
+    monkeypatch.setattr(homes, "SETTINGS", HomeSettings(n_drawn=10, n_tried=1, n_steps=1))
 
 
 @pytest.mark.usefixtures("cheap")

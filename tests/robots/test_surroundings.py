@@ -7,15 +7,16 @@ import yaml
 from comove.robots import Robot
 from comove.robots.proposal import examine, homes, propose, scene_of
 from comove.robots.proposal import proposal as proposals
+from comove.robots.proposal.homes import HomeSettings
+from comove.robots.proposal.proposal import ProposalSettings
 from tests.commands import invoke
 from tests.robots.test_proposal import arm, link, urdf, written
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(proposals, "N_SAMPLES", 20)
-    monkeypatch.setattr(homes, "N_DRAWN", 400)
-    monkeypatch.setattr(homes, "N_TRIED", 40)
+    monkeypatch.setattr(proposals, "SETTINGS", ProposalSettings(n_samples=20))
+    monkeypatch.setattr(homes, "SETTINGS", HomeSettings(n_drawn=400, n_tried=40))
 
 
 def proposed(tmp_path, around=None):

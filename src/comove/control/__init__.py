@@ -1,8 +1,9 @@
 """Online execution among moving obstacles."""
 
 from comove.control.clouds import Clouds, Scanned
-from comove.control.executor import Event, ExecutionLog, Executor
+from comove.control.executor import Executor
 from comove.control.files import write_run
+from comove.control.loop import Event, ExecutionLog
 from comove.control.measured import Measured, Observed, Sensor
 from comove.control.observers import Functions, Known, Observer
 from comove.control.replanning import Pace, Plan

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from comove._version import __version__
-from comove.control.executor import ExecutionLog
+from comove.control.loop import ExecutionLog
 from comove.model.coordinates import load_coordinates
 from comove.model.displacements import Displacements
 from comove.model.files.keys import canonical

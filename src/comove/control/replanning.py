@@ -11,13 +11,11 @@ from __future__ import annotations
 
 import time as clock
 import warnings
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.control.loop import ControlLoop, Replanner, Setpoint
 from comove.control.safety.cbf_qp import MAX_PERIOD
 from comove.control.safety.twists import advanced, hand_velocities, twists_between
 from comove.dmp.arguments import require_positive
@@ -35,51 +33,7 @@ from comove.planning.methods import Guide, Quick
 from comove.planning.solver import solve
 from comove.verification.certificate import certify
 
-if TYPE_CHECKING:
-    from comove.control.executor import ControlLoop
-
 NO_PLAN = "no plan yet"
-LONGER = (1.0, 1.3, 1.7, 2.3)  # factors on the shortest duration worth trying, tried in turn
-HURRY = 1.5  # duration of the shortest plan, times the way at the speed limit
-SHORTEST = 0.5  # s, least duration of a plan
-HOMING, CAUTION = 0.5, 0.5  # s and a share of the speed limit: the approach to the goal without a plan
-LOST = 0.03  # m behind a plan, which was meant for something else then
-N_REMEMBERED = 20  # configurations of the last plan that the next one may use
-AT_LEISURE = Quick(n_failures=24)  # method of the first plan, while nothing moves yet
-MOST_PATIENT = 2.0  # s between two attempts to plan, after some have failed
-NEARLY_DONE = 0.8  # share of a demonstration after which it counts no more
-
-
-class Reference(NamedTuple):
-    """The reference of one control step.
-
-    Attributes
-    ----------
-    here, ahead : its poses now and a period later
-    exact : whether it is certified, and followed exactly
-    joints, rates : arrays, shape (n_joints,), its joints and their rates [rad, rad/s]
-    """
-
-    here: HandPoses
-    ahead: HandPoses
-    exact: bool = False
-    joints: Array = np.zeros(0)
-    rates: Array = np.zeros(0)
-
-
-class Replanner(ABC):
-    """The base of what keeps the reference of a control loop."""
-
-    @abstractmethod
-    def update(self, run: ControlLoop) -> None:
-        """Look ahead along the reference, and replace it where it fails or a better one is found."""
-
-    @abstractmethod
-    def current(self, run: ControlLoop) -> Reference:
-        """Return the reference of the present control step."""
-
-    def advance(self, run: ControlLoop, pace: float) -> None:  # noqa: B027  a reference in time needs none
-        """Go on by a control period, at a share of the reference's pace."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +60,45 @@ class Pace:
             require_positive(name, getattr(self, name), MAX_PERIOD)
         for name in ("leisure", "haste"):
             require_positive(name, getattr(self, name))
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """Settings of the executor that follow from nothing else.
+
+    Attributes
+    ----------
+    longer : factors on the shortest duration worth trying, tried in turn
+    hurry : duration of the shortest plan, as a multiple of the way at the speed limit
+    shortest : least duration of a plan [s]
+    catch_up : time constant of the return to a plan [s]
+    homing, caution : time constant of the approach to the goal without a plan [s], and share of the speed limit
+    lost : distance behind a plan that was meant for something else [m]
+    spare : kept on top of the scene's clearance, as an execution is verified between its steps as well [m]
+    n_remembered : configurations of the last plan that the next one may use
+    at_leisure : method of the first plan, while nothing moves yet
+    most_patient : longest time between two attempts to plan, after some have failed [s]
+    nearly_done : share of a demonstration after which it counts no more
+    at_goal, at_rest : distance and speed at which an execution ends [m, m/s]
+    """
+
+    longer: tuple[float, ...] = (1.0, 1.3, 1.7, 2.3)
+    hurry: float = 1.5
+    shortest: float = 0.5
+    catch_up: float = 0.1
+    homing: float = 0.5
+    caution: float = 0.5
+    lost: float = 0.03
+    spare: float = 5e-4
+    n_remembered: int = 20
+    at_leisure: Quick = field(default_factory=lambda: Quick(n_failures=24))
+    most_patient: float = 2.0
+    nearly_done: float = 0.8
+    at_goal: float = 5e-4
+    at_rest: float = 5e-4
+
+
+SETTINGS = ExecutionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +146,15 @@ class PlanReplanner(Replanner):
         self.plan = self._last = plan
         run.tell(f"a plan that arrives at {plan.ends:.2f} s")
 
-    def current(self, run: ControlLoop) -> Reference:
+    def current(self, run: ControlLoop) -> Setpoint:
         """Return the plan's poses, or without a plan those of the straight way to the goal, at moderate speed."""
         if self.plan is not None:
             here, ahead = self.plan.poses(run.time, run.time + run.period)
-            return Reference(here, ahead, self.plan.certain)
-        twists = twists_between(run.scene, run.poses, run.goal, HOMING)
+            return Setpoint(here, ahead, self.plan.certain)
+        twists = twists_between(run.scene, run.poses, run.goal, SETTINGS.homing)
         fastest = np.linalg.norm(hand_velocities(run.scene, run.poses, twists), axis=1).max()
-        twists = twists * min(1.0, CAUTION * min(run.scene.speed_limit, 1.0) / max(fastest, 1e-9))
-        return Reference(run.poses, advanced(run.poses, twists, run.period))
+        twists = twists * min(1.0, SETTINGS.caution * min(run.scene.speed_limit, 1.0) / max(fastest, 1e-9))
+        return Setpoint(run.poses, advanced(run.poses, twists, run.period))
 
     def update(self, run: ControlLoop) -> None:
         """Give up a plan that is expected to fail, and search for one where there is none."""
@@ -178,12 +171,12 @@ class PlanReplanner(Replanner):
             self._planned = now
             self._plan_anew(run)
             failed = self.plan is None
-            self._patience = min(MOST_PATIENT, 2 * self._patience) if failed else self.pace.patience
+            self._patience = min(SETTINGS.most_patient, 2 * self._patience) if failed else self.pace.patience
 
     def _against(self, run: ControlLoop, plan: Plan) -> str:
         """Return why a plan does not hold any more; empty if it does."""
         now, (there,) = run.time, plan.poses(run.time)
-        if (behind := run.distance_from(there)) > LOST:
+        if (behind := run.distance_from(there)) > SETTINGS.lost:
             return f"the load is {behind:.3g} m behind it"
         if now >= plan.ends:
             return "" if run.arrived else "its end is past"
@@ -204,11 +197,11 @@ class PlanReplanner(Replanner):
             for center, quaternion in zip(run.poses.center, run.poses.quaternion, strict=True)
         )
         method, left = self._method(run), self.pace.haste if run.n_steps else self.pace.leisure
-        for k, longer in enumerate(LONGER):
+        for k, longer in enumerate(SETTINGS.longer):
             duration = longer * self._shortest(run)
             later = expected.resumed(now, duration, starts, run.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
-            budget = Budget(work=left / (1 + (longer != LONGER[-1])))
+            budget = Budget(work=left / (1 + (longer != SETTINGS.longer[-1])))
             with warnings.catch_warnings(action="ignore", category=ComoveWarning):
                 found = solve(
                     later,
@@ -236,7 +229,7 @@ class PlanReplanner(Replanner):
     def remaining(self, scene: Scene, now: float) -> dict[str, DMP] | None:
         """Return the rest of each demonstration from an instant on; None where it is nearly done or there is none."""
         done = now / scene.duration
-        if self.demonstration is None or done > NEARLY_DONE:
+        if self.demonstration is None or done > SETTINGS.nearly_done:
             return None
         rest = {own: _rest(own, done) for own in set(self.demonstration)}
         names = scene.manipulators
@@ -248,13 +241,13 @@ class PlanReplanner(Replanner):
         A plan among obstacles that are not exactly known only guides; the safety filter keeps the limits.
         """
         if run.n_steps == 0:
-            return AT_LEISURE
+            return SETTINGS.at_leisure
         if run.observer.certain:
             return Quick()
         if self._last is None:
             return Guide()
         s = (run.time - self._last.begins) / self._last.motion.scene.duration
-        return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, N_REMEMBERED))[0])
+        return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, SETTINGS.n_remembered))[0])
 
     def _shortest(self, run: ControlLoop) -> float:
         """Return the duration of the first plan to try [s].
@@ -263,10 +256,10 @@ class PlanReplanner(Replanner):
         """
         scene, way = run.scene, run.distance_from(run.goal)
         at_the_limits = (
-            HURRY * way / scene.speed_limit,
+            SETTINGS.hurry * way / scene.speed_limit,
             4.0 * (way / scene.acceleration_limit) ** 0.5,
         )
-        return max(scene.duration - run.time, *at_the_limits, SHORTEST)
+        return max(scene.duration - run.time, *at_the_limits, SETTINGS.shortest)
 
 
 def _rest(dmp: DMP, done: float) -> DMP:

@@ -28,12 +28,29 @@ from comove.robots.search.links import FATTEST, ROUGH
 from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
 
-# m, clearances beyond what is required, of which a pair keeps the first that it has at both ends
-SPARES = (0.02, 0.01, 0.004)
-STEP = 0.5  # m, length of an extension of a tree, at most
-MOST_NODES = 2000  # of both trees
-N_SHORTCUTS = 150  # attempts to shorten a way
-NEAR_THE_LINE, SPREAD = 0.5, 0.5  # share of random configurations near the straight way, and rad from it
+
+@dataclass(frozen=True)
+class RoomSettings:
+    """Settings of ways through free space.
+
+    Attributes
+    ----------
+    spares : clearances beyond what is required, of which a pair keeps the first that it has at both ends [m]
+    step : length of an extension of a tree, at most [m]
+    most_nodes : nodes of both trees, at most
+    n_shortcuts : attempts to shorten a way
+    near_the_line, spread : share of random configurations near the straight way, and how far they are from it [rad]
+    """
+
+    spares: tuple[float, ...] = (0.02, 0.01, 0.004)
+    step: float = 0.5
+    most_nodes: int = 2000
+    n_shortcuts: int = 150
+    near_the_line: float = 0.5
+    spread: float = 0.5
+
+
+SETTINGS = RoomSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +82,8 @@ class Room:
         ends : array, shape (2, n_joints)
         nodes : array, shape (n_nodes, 3), nodes of the load [m]; None where there is none
         """
-        spare, robot = np.full(len(bodies.kind), SPARES[0]), bodies.robot
-        for lower in SPARES[1:]:
+        spare, robot = np.full(len(bodies.kind), SETTINGS.spares[0]), bodies.robot
+        for lower in SETTINGS.spares[1:]:
             room = cls(bodies, robot.arms, spare)
             spare = spare.copy()
             near = [number for q in ends for number in room._touching(q)]
@@ -113,7 +130,7 @@ class Room:
     def _limits(self) -> tuple[float, float]:
         """Return the outline's clearances above which all is free, and at which it is blocked [m]."""
         enough = float(self._required.max(initial=0.0)) + PROUDEST + ROUGH
-        spare = float(self.spare.min(initial=SPARES[0]))
+        spare = float(self.spare.min(initial=SETTINGS.spares[0]))
         return enough, float(self.bodies.required.max()) + spare - FATTEST
 
     @cached_property
@@ -173,10 +190,10 @@ class Room:
     def draw(self, nodes: Array, counts: Array, this: int, rng: np.random.Generator, out: Array) -> bool:
         """Write random joints, some of them near the straight way between both ends."""
         robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
-        if rng.random() > NEAR_THE_LINE:
+        if rng.random() > SETTINGS.near_the_line:
             q = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
         else:
-            q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
+            q = start + rng.random() * (goal - start) + SETTINGS.spread * rng.standard_normal(len(start))
         out[:] = np.where(self._moves, np.clip(q, robot.lower, robot.upper), start)
         return True
 
@@ -186,7 +203,7 @@ class Room:
 
     def extend(self, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
         """Write the node at most so many steps from p towards q; return whether the edge is free."""
-        away, most = self.length(p, q), steps * STEP
+        away, most = self.length(p, q), steps * SETTINGS.step
         share = 1.0 if away <= most else most / away
         out[:] = q if share == 1.0 else p + share * (q - p)
         if away == 0.0 or not (self.is_free(out) and self.is_free_between(p, out)):
@@ -276,10 +293,11 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
         if room.are_free(path[1:-1]) and all(room.is_free_between(a, b) for a, b in pairwise(path)):
             return path
     nothing = np.empty((0, len(start)))
-    path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
+    how = SETTINGS
+    path = rrt_connect.py_func(room, start, goal, 0.0, rng, how.most_nodes, 20 * how.most_nodes, nothing)
     if len(path) == 0:
         return None
-    path = shortened.py_func(room, path, 0.0, rng, N_SHORTCUTS)
+    path = shortened.py_func(room, path, 0.0, rng, how.n_shortcuts)
     return path[_corners(path)]
 
 

@@ -35,17 +35,38 @@ from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.verification.verify import Sealed
 
-HEIGHT, GRIP_TIME = 0.08, 1.0  # m and s, unless a caller says otherwise
-SHARES = (1.0, 0.5, 0.25)  # of the height, tried in turn where an arm or what is near leaves less
-STRAIGHT_STEPS = 41  # configurations of the straight part, solved one after the other
-STRAIGHT = Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
-PACE, HANDS_PACE = (
-    0.5,
-    0.98,
-)  # used shares of the limits of joints, and of hands, which are looked at in samples
-ATTEMPTS = 3  # searches for a way; the last of them checks everything exactly
 OPTIONS = {"start": "--approach", "goal": "--release"}
 _JUDGED = object()
+
+
+@dataclass(frozen=True)
+class TransferSettings:
+    """Settings of how approach and release are planned.
+
+    Attributes
+    ----------
+    height, grip_time : how far hands draw back [m], and in what time they close or open [s], if nobody says otherwise
+    shares : of the height, tried in turn where an arm or what is near leaves less
+    straight_steps : configurations of the straight part, solved one after the other
+    straight : iteration that solves them
+    pace : share of the limits of joints that is used
+    hands_pace : likewise of the scene's limits of hands, which are looked at in samples
+    attempts : searches for a way; the last of them checks everything exactly
+    """
+
+    height: float = 0.08
+    grip_time: float = 1.0
+    shares: tuple[float, ...] = (1.0, 0.5, 0.25)
+    straight_steps: int = 41
+    straight: Iteration = field(
+        default_factory=lambda: Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
+    )
+    pace: float = 0.5
+    hands_pace: float = 0.98
+    attempts: int = 3
+
+
+SETTINGS = TransferSettings()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,8 +105,8 @@ def plan_transfers(
     approach: bool = True,
     release: bool = True,
     present: Joints | None = None,
-    height: float = HEIGHT,
-    grip_time: float = GRIP_TIME,
+    height: float = SETTINGS.height,
+    grip_time: float = SETTINGS.grip_time,
     seed: int = 0,
 ) -> Transfers:
     """Plan and judge the joint motions from the present joints to the grasp, and from there home.
@@ -134,8 +155,8 @@ def possible_transfers(
     release: bool,
     present: Joints | None,
     *,
-    height: float = HEIGHT,
-    grip_time: float = GRIP_TIME,
+    height: float = SETTINGS.height,
+    grip_time: float = SETTINGS.grip_time,
     seed: int = 0,
 ) -> tuple[Transfers | None, dict[str, RobotError]]:
     """Plan those of approach and release that can be found; arguments as of `plan_transfers`.
@@ -207,7 +228,7 @@ class Retreat:
     carried: Carried
     end: str
     other: Array
-    height: float = HEIGHT
+    height: float = SETTINGS.height
 
     @classmethod
     def on(cls, scene: Scene, robot: Robot, end: str, other: Array) -> Retreat:
@@ -282,7 +303,7 @@ class Retreat:
             If the joints behind the grasp are, whatever the height, not free or not reached.
         """
         error: RobotError | None = None
-        for share in SHARES:
+        for share in SETTINGS.shares:
             height = share * self.height
             try:
                 back = _drawn_back(self.robot, self.scene, grasp, height, self.end)
@@ -334,9 +355,9 @@ def _withdrawal(
     retreat.require_free_rest()
     back, room = retreat.behind(carry.joints.position[0 if end == "start" else -1])
     reasons = ["the search found no way"]
-    for attempt in range(ATTEMPTS):
+    for attempt in range(SETTINGS.attempts):
         rng = np.random.default_rng((seed, attempt))
-        path = way(room if attempt + 1 < ATTEMPTS else room.rigorous, back[-1], retreat.other, rng)
+        path = way(room if attempt + 1 < SETTINGS.attempts else room.rigorous, back[-1], retreat.other, rng)
         if path is None:
             continue
         ways = [back, *(np.stack(pair) for pair in zip(path[:-1], path[1:], strict=True))]
@@ -356,16 +377,17 @@ def _withdrawal(
 
 
 def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: str) -> Array:
-    """Compute the joints while hands draw back straight, refused out of reach; array, (STRAIGHT_STEPS, n_joints)."""
-    rows = np.repeat(grasp[None], STRAIGHT_STEPS, axis=0)
+    """Compute the joints while hands draw back straight, refused out of reach; array, (straight_steps, n_joints)."""
+    how = SETTINGS
+    rows = np.repeat(grasp[None], how.straight_steps, axis=0)
     for name in scene.file.holders:
         arm = robot.arm(name)
         chains, pose = chains_of(robot, (arm,)), robot.tool_pose(grasp, arm)
         turn = np.ascontiguousarray(pose[:3, :3])
-        for k, share in enumerate(np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:], start=1):
+        for k, share in enumerate(np.linspace(0.0, 1.0, how.straight_steps)[1:], start=1):
             q = rows[k - 1, arm.columns]
             behind = pose[:3, 3] - share * height * turn[:, 2]
-            if reach_pose(chains, 0, turn, behind, q.copy(), STRAIGHT, q) > STRAIGHT.tolerance:
+            if reach_pose(chains, 0, turn, behind, q.copy(), how.straight, q) > how.straight.tolerance:
                 raise RobotError(
                     f"the arm '{arm.name}' can draw back from its grasp at the {end} by less than "
                     f"{share * height:.3g} m",
@@ -390,15 +412,15 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
             way_out="give a home and a grasp farther from the limits",
         )
     ratios = [
-        max((velocity / robot.velocity).max(), approach.value) / PACE,
-        np.sqrt((acceleration / (PACE * robot.acceleration)).max()),
+        max((velocity / robot.velocity).max(), approach.value) / SETTINGS.pace,
+        np.sqrt((acceleration / (SETTINGS.pace * robot.acceleration)).max()),
     ]
     places = robot.tool_poses(unit.position, arms)[:, :, :3, 3]
     hands = CubicSpline(s, places, bc_type="clamped")
     speed, pull = (np.linalg.norm(hands(s, order), axis=-1).max() for order in (1, 2))
     ratios += [
-        speed / (HANDS_PACE * scene.speed_limit),
-        np.sqrt(pull / (HANDS_PACE * scene.acceleration_limit)),
+        speed / (SETTINGS.hands_pace * scene.speed_limit),
+        np.sqrt(pull / (SETTINGS.hands_pace * scene.acceleration_limit)),
     ]
     steps = max(2, int(np.ceil(max(ratios) * SAMPLE_RATE)))
     samples = curve(minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))

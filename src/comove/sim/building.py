@@ -19,7 +19,7 @@ from comove.sim.loads import Load
 from comove.sim.servos import add_servos
 from comove.sim.settings import PLAN, Perturbation
 from comove.sim.urdf import for_mujoco
-from comove.sim.world import ROBOT, World, add_load, add_obstacles
+from comove.sim.world import ROBOT, SimulatedWorld, add_load, add_obstacles
 
 TIMESTEP = 0.002  # s
 LIGHTEST = 1e-6  # kg, that a joint moves: what has no mass is given a thousandth of it (`sim.urdf`)
@@ -33,7 +33,7 @@ def build_world(
     perturbation: Perturbation = PLAN,
     *,
     finish: Callable[[Any], None] | None = None,
-) -> World:
+) -> SimulatedWorld:
     """Build the world of robot, obstacles and load.
 
     Parameters
@@ -137,7 +137,7 @@ def _indexed(
     holding: Sequence[Arm],
     lead: Array,
     moving: set[str],
-) -> World:
+) -> SimulatedWorld:
     joints = [model.joint(name) for name in robot.joint_names]
     loaded = load is not None
     body = model.body(THE_LOAD).id if loaded else -1
@@ -147,7 +147,7 @@ def _indexed(
         hand_of_geom[[g for g in range(model.ngeom) if hangs_on(model, model.geom_bodyid[g], last)]] = i
     of_load = model.geom_bodyid == body
     told = ~(of_load[:, None] & (hand_of_geom >= 0)[None, :])
-    return World(
+    return SimulatedWorld(
         model=model,
         robot=robot,
         load=load,

@@ -19,7 +19,7 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
-from comove.sim.world import THE_LOAD, World, lower_floor, move_obstacles, moving_poses
+from comove.sim.world import THE_LOAD, SimulatedWorld, lower_floor, move_obstacles, moving_poses
 
 
 def simulate(
@@ -77,7 +77,9 @@ def simulate(
     )
 
 
-def at_start(world: World, motion: JointMotion, payload: PayloadTorques, perturbation: Perturbation) -> Any:
+def at_start(
+    world: SimulatedWorld, motion: JointMotion, payload: PayloadTorques, perturbation: Perturbation
+) -> Any:
     """Return MuJoCo's data with the hands at the load, which they carry, and with the load's grasps at the hands."""
     mj, model = engine(), world.model
     data = mj.MjData(model)
@@ -96,7 +98,7 @@ def at_start(world: World, motion: JointMotion, payload: PayloadTorques, perturb
     return data
 
 
-def _move_grasps(world: World, data: Any) -> None:
+def _move_grasps(world: SimulatedWorld, data: Any) -> None:
     """Move the load's sites to the hands."""
     mj, model = engine(), world.model
     if world.load is None:
@@ -109,7 +111,7 @@ def _move_grasps(world: World, data: Any) -> None:
 
 
 def _run(
-    world: World,
+    world: SimulatedWorld,
     data: Any,
     scene: Scene,
     motion: JointMotion,
@@ -178,7 +180,7 @@ def broken(data: Any) -> bool:
 
 
 def _push(
-    world: World, motion: JointMotion, perturbation: Perturbation, time: Array
+    world: SimulatedWorld, motion: JointMotion, perturbation: Perturbation, time: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the force of a push, array of shape (3,) [N], and the steps at which it acts, array of bool."""
     push = perturbation.push
@@ -189,7 +191,11 @@ def _push(
 
 
 def note_contacts(
-    world: World, data: Any, scene: Scene, time: float, found: dict[tuple[int, int], tuple[float, float]]
+    world: SimulatedWorld,
+    data: Any,
+    scene: Scene,
+    time: float,
+    found: dict[tuple[int, int], tuple[float, float]],
 ) -> None:
     """Update the time of the first contact and the largest depth of every watched pair that touches.
 
@@ -208,7 +214,9 @@ def note_contacts(
         found[pair] = first, max(deepest, float(depths[i]))
 
 
-def contacts_of(world: World, found: dict[tuple[int, int], tuple[float, float]]) -> tuple[Contact, ...]:
+def contacts_of(
+    world: SimulatedWorld, found: dict[tuple[int, int], tuple[float, float]]
+) -> tuple[Contact, ...]:
     """Return the contacts of bodies, whose shapes are several."""
     told: dict[tuple[str, str], Contact] = {}
     for pair, (first, deepest) in found.items():
@@ -221,7 +229,7 @@ def contacts_of(world: World, found: dict[tuple[int, int], tuple[float, float]])
 class _Log:
     """Samples of the measured quantities, in arrays allocated in advance."""
 
-    def __init__(self, world: World, n_steps: int):
+    def __init__(self, world: SimulatedWorld, n_steps: int):
         self.world, self.count = world, 0
         model, holders = world.model, len(world.holder_sites)
         self.finger_qpos = world.finger_qpos

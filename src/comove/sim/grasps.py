@@ -21,7 +21,7 @@ from comove.sim.loads import THINNEST
 from comove.sim.settings import require_finite
 
 if TYPE_CHECKING:
-    from comove.sim.world import World
+    from comove.sim.world import SimulatedWorld
 
 
 def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second: str) -> None:
@@ -67,7 +67,7 @@ class GraspModel(ABC):
         """Add what the grasp needs to the world; `friction` is a factor on its coefficient of friction."""
 
     @abstractmethod
-    def close(self, world: World, data: Any) -> None:
+    def close(self, world: SimulatedWorld, data: Any) -> None:
         """Take hold of the load while the hands stand at it."""
 
 
@@ -83,7 +83,7 @@ class _Fixed(GraspModel):
                 spec, f"grasp {arm.name}", self.kind, "SITE", f"hand {arm.name}", f"held {arm.name}"
             )
 
-    def close(self, world: World, data: Any) -> None:
+    def close(self, world: SimulatedWorld, data: Any) -> None:
         """Activate the constraints, at the present poses of the hands."""
         for name in world.holder_names:
             data.eq_active[world.model.equality(f"grasp {name}").id] = 1
@@ -179,7 +179,7 @@ class Friction(GraspModel):
         joint.armature = max(joint.armature, stiffness * response**2)
         add_servo(spec, finger, stiffness, 2 * stiffness * response, force)
 
-    def close(self, world: World, data: Any) -> None:
+    def close(self, world: SimulatedWorld, data: Any) -> None:
         """Open the fingers, hold the load still, close them, and release the load to their friction.
 
         Raises
@@ -221,7 +221,7 @@ GRASPS: dict[str, type[Weld] | type[Connect] | type[Friction]] = {
 """By what commands and study files call them."""
 
 
-def _couple(world: World, data: Any, travel: dict[str, tuple[float, float]]) -> None:
+def _couple(world: SimulatedWorld, data: Any, travel: dict[str, tuple[float, float]]) -> None:
     """Couple all fingers of a hand, so that they close by the same share of their travel, from open to closed."""
     for first, *others in world.fingers:
         begin, end = travel[first]
@@ -233,7 +233,7 @@ def _couple(world: World, data: Any, travel: dict[str, tuple[float, float]]) -> 
             data.eq_active[equality] = 1
 
 
-def _require_room(world: World, data: Any) -> None:
+def _require_room(world: SimulatedWorld, data: Any) -> None:
     """Refuse a load that reaches into open hands."""
     overlap = 0.001  # m, by which it may
     for pair, distance in zip(data.contact.geom, data.contact.dist, strict=True):
@@ -246,7 +246,7 @@ def _require_room(world: World, data: Any) -> None:
             )
 
 
-def _inward(world: World, data: Any, finger: str) -> float:
+def _inward(world: SimulatedWorld, data: Any, finger: str) -> float:
     """Return the direction, 1 or -1, in which a joint brings its finger nearer to its hand's line of approach."""
     mj, model = engine(), world.model
     joint = model.joint(finger)

@@ -19,7 +19,7 @@ from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import hand_poses, load_of
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos
 from comove.sim.settings import PLAN, USUAL, Perturbation
-from comove.sim.world import World, move_obstacles
+from comove.sim.world import SimulatedWorld, move_obstacles
 
 
 def steps_of(period: float) -> int:
@@ -83,7 +83,12 @@ def run_live(
 
 
 def _run(
-    world: World, data: Any, executor: JointExecutor, payload: PayloadTorques, budget: float, every: int
+    world: SimulatedWorld,
+    data: Any,
+    executor: JointExecutor,
+    payload: PayloadTorques,
+    budget: float,
+    every: int,
 ) -> OnlineRecord:
     mj, interruption, given_up = engine(), Interruption(), ""
     record = OnlineRecord(executor.scene, executor.robot, executor.settings.period)
@@ -128,6 +133,6 @@ def _command(executor: JointExecutor, measured: Array) -> Array:
     return executor.recover(measured)
 
 
-def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:
+def _move_obstacles(world: SimulatedWorld, data: Any, executor: JointExecutor) -> None:
     centers = executor.observer.ground_truth(np.array([executor.time]))[0]
     move_obstacles(world, data, executor.scene, executor.time, centers)

@@ -31,7 +31,7 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
 from comove.sim.settings import PLAN, Perturbation
-from comove.sim.world import World, lower_floor, move_obstacles
+from comove.sim.world import SimulatedWorld, lower_floor, move_obstacles
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
@@ -233,7 +233,7 @@ def camera(
 @contextmanager
 def stage(
     execution: Filmed, width: int, height: int, finish: Callable[[Any], None]
-) -> Iterator[tuple[World, Any, Callable[[int, Any], NDArray[np.uint8]]]]:
+) -> Iterator[tuple[SimulatedWorld, Any, Callable[[int, Any], NDArray[np.uint8]]]]:
     """Lend the world of an execution, MuJoCo's data of it, and a function that draws a sample as a camera sees it.
 
     Parameters
@@ -271,7 +271,7 @@ def _renderer(model: Any, height: int, width: int) -> Any:
         raise no_pictures(str(error).strip().splitlines()[0]) from error
 
 
-def place(execution: Filmed, world: World, data: Any, step: int) -> None:
+def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> None:
     """Put a world into the state of one sample."""
     mj, model = engine(), world.model
     data.qpos[world.qpos] = execution.joints[step]
@@ -286,7 +286,7 @@ def place(execution: Filmed, world: World, data: Any, step: int) -> None:
     mj.mj_camlight(model, data)
 
 
-def _seen(execution: Filmed, world: World, data: Any) -> Array:
+def _seen(execution: Filmed, world: SimulatedWorld, data: Any) -> Array:
     """Return the points that a picture must show: all hands and loads, obstacles, and the robot as it stands at
     the start.
     """

@@ -44,7 +44,7 @@ from comove.sim.live_record import OnlineRecord, OnlineReport, judge_run
 from comove.sim.loads import are_poses, carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
-    from comove.control.executor import ExecutionLog
+    from comove.control.loop import ExecutionLog
 
 LOST = 0.5  # rad, difference of measured and commanded joints from which on a robot counts as driven off
 HELD, PLACED = 5e-3, 2e-2  # m, by which a load may move in the hands, and be off its place when it is grasped

@@ -20,7 +20,7 @@ from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.verification.kinematics import joint_axes
 from comove.sim.engine import add_servo
-from comove.sim.world import World
+from comove.sim.world import SimulatedWorld
 
 FULL_EFFORT = (0.025, 0.001)  # error at which a servo gives all it can where nothing is said [rad; m]
 INERTIA = (0.3, 3.0)  # of what a servo is damped for [kg m^2; kg]
@@ -76,20 +76,20 @@ def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
     return damping / stiffness
 
 
-def limit_servos(world: World, data: Any) -> None:
+def limit_servos(world: SimulatedWorld, data: Any) -> None:
     """Set the servos' limits to what the weights of robot and payload, at present, leave of the motors' limits."""
     weight, limit = motor_weight(world, data), world.robot.effort
     world.model.actuator_forcerange[world.servos] = np.stack([-limit - weight, limit - weight], axis=1)
 
 
-def motor_weight(world: World, data: Any) -> Array:
+def motor_weight(world: SimulatedWorld, data: Any) -> Array:
     """Return the motors' share of the torques of the robot's own weight, and those that carry the payload; array,
     shape (n_joints,) [N m].
     """
     return (1 - world.robot.relief) * data.qfrc_gravcomp[world.dofs] + data.qfrc_applied[world.dofs]
 
 
-def carry_payload(world: World, data: Any, torque: Array) -> None:
+def carry_payload(world: SimulatedWorld, data: Any, torque: Array) -> None:
     """Apply the torques that carry the payload, array of shape (n_joints,), from now on [N m]."""
     data.qfrc_applied[world.dofs] = torque
 

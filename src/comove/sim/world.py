@@ -27,7 +27,7 @@ GROUP = 2  # of obstacles, floor and load; shapes that links collide with are in
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class SimulatedWorld:
     """A compiled MuJoCo model with the indices of what is in it.
 
     Attributes
@@ -148,7 +148,7 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
     return geoms
 
 
-def move_obstacles(world: World, data: Any, scene: Scene, time: float, centers: Array) -> None:
+def move_obstacles(world: SimulatedWorld, data: Any, scene: Scene, time: float, centers: Array) -> None:
     """Put the obstacles that move at centres, array of shape (n_obstacles, 3) [m], turned as at an instant [s]."""
     mocap, _, turned = moving_poses(world.model, scene, np.array([time]))
     data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[scene.moving], turned[0]
@@ -200,7 +200,7 @@ def _finish(geom: Any, name: str, colour: tuple[float, ...]) -> None:
     geom.solref = STIFF
 
 
-def lower_floor(world: World, data: Any, planned: Array) -> None:
+def lower_floor(world: SimulatedWorld, data: Any, planned: Array) -> None:
     """Move the floor below everything in the world at the present state, and below links wherever they will be.
 
     Parameters

@@ -153,7 +153,7 @@ def test_the_roadmap_grows_where_a_course_could_turn_aside_before_it_meets_somet
     middle = bars[-1, :2].mean(axis=0)
     points = bars[:, None, 0] + np.linspace(0, 1, 100)[:, None] * (bars[:, None, 1] - bars[:, None, 0])
     apart = np.linalg.norm(points - middle, axis=-1).min(axis=-1) - 0.08 - carrier.scene.body.radii.max()
-    met = int(np.argmax(apart < carrier.scene.clearance + SETTINGS.courses.met))
+    met = int(np.argmax(apart < carrier.scene.clearance + SETTINGS.courses.costs.met))
     assert 10 < met < 30
     seen = nothing()
     seen.table[0, CENTER : CENTER + 3] = middle

@@ -21,9 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array
 from comove.control.clouds import Clouds
-from comove.control.executor import ControlLoop, ExecutionLog
+from comove.control.loop import ControlLoop, ExecutionLog, Setpoint
 from comove.control.observers import Functions, Observer
-from comove.control.replanning import Reference
 from comove.control.safety.cbf_qp import FilterSettings, JointState, SafetyFilter
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.dmp.arguments import require_positive
@@ -306,13 +305,13 @@ class JointExecutor(ControlLoop):
             raise RobotError(f"{off} at {self.time:.2f} s", way_out="look what holds it, or command slower")
         return float(apart.max())
 
-    def _pace(self, reference: Reference, lag: float) -> float:
+    def _pace(self, reference: Setpoint, lag: float) -> float:
         """Return the share of the reference's pace at which it goes on: 1 where arms come along, 0 where it waits."""
         how, self._behind = self.settings, self.distance_from(reference.here)
         left = min(1.0 - self._behind / how.behind, 2.0 * (1.0 - lag / how.lag))
         return min(max(left, 0.0), 1.0)
 
-    def _joint_state(self, reference: Reference, pace: float) -> JointState:
+    def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
         """Return the joints, and the rates that lead them back to the reference."""
         how = self.settings
         passes = self.pilot.is_clear and self._behind <= how.near_by

@@ -17,8 +17,7 @@ from time import perf_counter
 import numpy as np
 
 from comove.arrays import Array
-from comove.control.executor import ControlLoop
-from comove.control.replanning import Reference, Replanner
+from comove.control.loop import ControlLoop, Replanner, Setpoint
 from comove.control.safety.qp_workspace import Sighting
 from comove.dmp.arguments import require_positive
 from comove.geometry.rotations import matrices
@@ -187,11 +186,11 @@ class Pilot(Replanner):
             self.waited = 0.0
             run.tell(f"another course, of {self.reference.duration:.2f} s")
 
-    def current(self, run: ControlLoop) -> Reference:
+    def current(self, run: ControlLoop) -> Setpoint:
         """Return the reference's poses now and a period later, its joints and their rates."""
         configurations, joints, rates = self.reference.at(self.clock + np.array([0.0, run.period]))
         here, ahead = (poses_at(self.coordinates, q) for q in configurations)
-        return Reference(here, ahead, False, joints[0], rates[0])
+        return Setpoint(here, ahead, False, joints[0], rates[0])
 
     def advance(self, run: ControlLoop, pace: float) -> None:
         """Go on by a control period, at a share of the reference's pace; below a half the arms wait."""

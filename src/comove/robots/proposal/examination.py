@@ -19,11 +19,28 @@ from comove.robots.model import FREEDOMS, Arm, Robot
 from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, points_from_tip, touching
 from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
 
-N_DRAWN = 2000  # random configurations of every arm, from which its reach follows
-N_TESTED = 200  # random configurations of the robot that are tested for contact
-SHARED = 0.05  # m, from a place of another hand within which a place counts as shared
-OFTEN = 0.5  # share of random configurations from which on a pair that touches is told
-MOST_NAMED = 4  # links without a collision body
+
+@dataclass(frozen=True)
+class ExaminationSettings:
+    """Settings of an examination.
+
+    Attributes
+    ----------
+    n_drawn : random configurations of every arm, from which its reach follows
+    n_tested : random configurations of the robot that are tested for contact
+    shared : distance from a place of another hand within which a place counts as shared [m]
+    often : share of random configurations from which on a pair that touches is told
+    most_named : links without a collision body that are named
+    """
+
+    n_drawn: int = 2000
+    n_tested: int = 200
+    shared: float = 0.05
+    often: float = 0.5
+    most_named: int = 4
+
+
+SETTINGS = ExaminationSettings()
 
 
 @dataclass(frozen=True)
@@ -171,9 +188,10 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
                 f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say "
                 f"where in that, such as tool: {{position: [0, 0, {end:.3g}]}}"
             )
+    most = SETTINGS.most_named
     if unseen := _without_bodies(robot):
         doubts.append(
-            f"{', '.join(unseen[:MOST_NAMED])}{' and others' * (len(unseen) > MOST_NAMED)} move and are drawn, but "
+            f"{', '.join(unseen[:most])}{' and others' * (len(unseen) > most)} move and are drawn, but "
             "have no collision body: nothing keeps them from touching; give them one in the URDF"
         )
     if not len(robot.collision.collisionPairs):
@@ -183,8 +201,9 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
 
 def findings_of(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
     """Return the findings about an arm in random configurations."""
-    q, lower, upper = np.repeat(robot.home[None], N_DRAWN, axis=0), robot.lower, robot.upper
-    q[:, arm.columns] = rng.uniform(lower[arm.columns], upper[arm.columns], (N_DRAWN, len(arm.columns)))
+    n, lower, upper = SETTINGS.n_drawn, robot.lower, robot.upper
+    q = np.repeat(robot.home[None], n, axis=0)
+    q[:, arm.columns] = rng.uniform(lower[arm.columns], upper[arm.columns], (n, len(arm.columns)))
     places = robot.tool_poses(q, (arm,))[:, 0, :3, 3]
     reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
     tilt = tilt_of(robot.tool_pose(robot.home, arm))
@@ -235,8 +254,8 @@ def _gap(arms: tuple[ArmFindings, ...], a: str, b: str) -> float:
 
 
 def _shared(a: Array, b: Array) -> float:
-    """Return the share of the places of one hand within `SHARED` of a place of another's."""
-    distance, _ = cKDTree(b).query(a, distance_upper_bound=SHARED)
+    """Return the share of the places of one hand that are as near as `SETTINGS.shared` to a place of another's."""
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=SETTINGS.shared)
     return float(np.isfinite(distance).mean())
 
 
@@ -253,8 +272,8 @@ def _without_bodies(robot: Robot) -> list[str]:
 
 
 def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
-    drawn = rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower)))
+    drawn = rng.uniform(robot.lower, robot.upper, (SETTINGS.n_tested, len(robot.lower)))
     touched = touching(robot, drawn)
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)
-    often = {pair: float(share) for pair, share in shares if share >= OFTEN}
+    often = {pair: float(share) for pair, share in shares if share >= SETTINGS.often}
     return float((~touched.any(axis=1)).mean()), often

@@ -34,22 +34,46 @@ Cell = tuple[int, int]
 
 QUARTERS = (0.0, 180.0, -90.0, 90.0)  # degrees, by which a hand is turned on the bar
 ACROSS = {"down": (0.0, 180.0), "forward": (-90.0, 90.0)}  # those by which fingers close across it
-N_CELLS = 11  # of the grid of places of the load, each way
-CELLS = (0.08, 0.04)  # reaches from one place to the next; the finer ones where the others are not enough
-ABOVE, ASIDE = 0.05, 0.16  # reaches, of the lowest place above the floor, and of room about all places
-N_SEEDS = 12  # random joints, from which a place is solved
-LENGTHS, SHORTEST = (
-    (1.0, 0.6),
-    0.2,
-)  # of the bar [distances of the hands at home], and of the shortest [reaches]
-FEWEST, MOST = 3, 5  # places in a row, forwards and upwards, that a carry over a rail needs and has at most
-RAILS = (0.5, 0.2)  # heights of the rail that are tried, as shares of what the load can be lifted by
-N_TRIED = 8  # scenes that are solved, of those that both hands reach
-N_CARRIED = 3  # scenes that are carried out, until one is left without approach and release
-# Work to solve each, as `Budget.work`, and time to carry [s], in turn: most that can be carried is solved in the
-# first, and a joint may be slow.
-ROUNDS = ((3.0, 8.0), (10.0, 16.0))
 WAY_OUT = "give another home or other bases: `comove robot check` says what hands reach and which links touch"
+
+
+@dataclass(frozen=True)
+class FirstSceneSettings:
+    """Settings of the search for a first scene.
+
+    Attributes
+    ----------
+    n_cells : of the grid of places of the load, each way
+    cells : distances from one place to the next, the finer ones where the others are not enough [reaches]
+    above : height of the lowest place above the floor [reaches]
+    aside : room about all places [reaches]
+    n_seeds : random joints, from which a place is solved
+    lengths : of the bar that are tried [distances of the hands at home]
+    shortest : length of the shortest bar [reaches]
+    fewest, most : places in a row, forwards and upwards, that a carry over a rail needs and has at most
+    rails : heights of the rail that are tried, as shares of what the load can be lifted by
+    n_tried : scenes that are solved, of those that both hands reach
+    n_carried : scenes that are carried out, until one is left without approach and release
+    rounds : work to solve each, as `Budget.work`, and time to carry [s], in turn: most that can be carried is solved
+        in the first, and a joint may be slow
+    """
+
+    n_cells: int = 11
+    cells: tuple[float, ...] = (0.08, 0.04)
+    above: float = 0.05
+    aside: float = 0.16
+    n_seeds: int = 12
+    lengths: tuple[float, ...] = (1.0, 0.6)
+    shortest: float = 0.2
+    fewest: int = 3
+    most: int = 5
+    rails: tuple[float, ...] = (0.5, 0.2)
+    n_tried: int = 8
+    n_carried: int = 3
+    rounds: tuple[tuple[float, float], ...] = ((3.0, 8.0), (10.0, 16.0))
+
+
+SETTINGS = FirstSceneSettings()
 
 
 @dataclass(frozen=True)
@@ -211,7 +235,7 @@ def propose_scene(
         )
     load_robot_kernels(SceneKind(3))
     standing = scene_of(around, folder)
-    found_by_cell = (list(_places(robot, cell, standing)) for cell in CELLS)
+    found_by_cell = (list(_places(robot, cell, standing)) for cell in SETTINGS.cells)
     places = _ranked(next(filter(None, found_by_cell), []))
     if not places:
         raise RobotError(
@@ -221,8 +245,8 @@ def propose_scene(
             way_out=WAY_OUT,
         )
     reasons, first, n_carried = list[str](), None, 0
-    tried = list(product(places, RAILS))[:N_TRIED]
-    for (work, duration), (place, rail) in product(ROUNDS, tried):
+    tried = list(product(places, SETTINGS.rails))[: SETTINGS.n_tried]
+    for (work, duration), (place, rail) in product(SETTINGS.rounds, tried):
         data = place.data(named, rail, duration, around)
         try:
             first_scene, budget = Scene.from_dict(data, folder=folder), Budget(work=work)
@@ -235,7 +259,7 @@ def propose_scene(
                 plan_transfers(found.joints.motion, seed=seed)
             except RobotError as error:
                 first, n_carried = first or SceneProposal(data, found, error.message), n_carried + 1
-                if n_carried < N_CARRIED:
+                if n_carried < SETTINGS.n_carried:
                     continue
                 return first
             return SceneProposal(data, found)
@@ -280,17 +304,17 @@ def _places(robot: Robot, cell: float, standing: Scene) -> Iterator[_Place]:
     hands = np.array([home[arm.name] for arm in arms])
     reach = min(findings_of(robot, arm, np.random.default_rng(0)).reach for arm in arms)
     step, floor = cell * reach, floor_of(robot)
-    aside = 0.5 * step * (N_CELLS - 1) * (np.arange(3) != axis)
+    aside = 0.5 * step * (SETTINGS.n_cells - 1) * (np.arange(3) != axis)
     around = hands.mean(axis=0) + np.array([-aside, aside])
-    around[:, 2] += max(0.0, floor + ABOVE * reach - around[0, 2])
+    around[:, 2] += max(0.0, floor + SETTINGS.above * reach - around[0, 2])
 
     def place(turns: tuple[float, ...], lower: Array, upper: Array) -> _Place:
         offsets = {arm.name: turn for arm, turn in zip(arms, turns, strict=True)}
         grasp = {"orientation": orientation, "yaw": "load", "offset_deg": offsets}
-        return _Place(arms, axis, length, grasp, lower, upper, reach, floor, step, ASIDE * reach)
+        return _Place(arms, axis, length, grasp, lower, upper, reach, floor, step, SETTINGS.aside * reach)
 
-    for orientation, share in product(ACROSS, LENGTHS):
-        length = round(float(max(share * abs(hands[0, axis] - hands[1, axis]), SHORTEST * reach)), 3)
+    for orientation, share in product(ACROSS, SETTINGS.lengths):
+        length = round(float(max(share * abs(hands[0, axis] - hands[1, axis]), SETTINGS.shortest * reach)), 3)
         ways = [ACROSS[orientation] if arm.fingers else QUARTERS for arm in arms]
         if orientation == "down":  # and as at home
             ways = [
@@ -301,7 +325,7 @@ def _places(robot: Robot, cell: float, standing: Scene) -> Iterator[_Place]:
             turn: _reached(robot, place((turn, turn), *around), standing) for turn in {*ways[0], *ways[1]}
         }
         for turns in product(*ways):
-            cells = largest_rectangle(maps[turns[0]][0] & maps[turns[1]][1], FEWEST, MOST)
+            cells = largest_rectangle(maps[turns[0]][0] & maps[turns[1]][1], SETTINGS.fewest, SETTINGS.most)
             if cells is not None:
                 yield place(turns, *(_at_cell(around, axis, corner) for corner in cells))
 
@@ -315,24 +339,24 @@ def _turn_at_home(robot: Robot, arm: Arm, axis: int) -> float:
 
 def _at_cell(around: Array, axis: int, cell: Cell) -> Array:
     """Return the place of the bar's middle at a cell of the grid, forwards and upwards; array, shape (3,) [m]."""
-    shares = np.insert(np.array(cell) / (N_CELLS - 1), axis, 0.0)
+    shares = np.insert(np.array(cell) / (SETTINGS.n_cells - 1), axis, 0.0)
     return around[0] + shares * (around[1] - around[0])
 
 
 def _reached(robot: Robot, place: _Place, standing: Scene) -> Cells:
-    """Return where each hand reaches a bar that is clear; array, shape (2, N_CELLS, N_CELLS), forwards and up."""
-    data = place.data(robot.name, 0.0, ROUNDS[0][1]) | {
+    """Return where each hand reaches a bar that is clear; array, shape (2, n_cells, n_cells), forwards and up."""
+    data = place.data(robot.name, 0.0, SETTINGS.rounds[0][1]) | {
         "obstacles": [obstacle.model_dump() for obstacle in standing.file.obstacles]
     }
     scene = Scene.from_dict(data, folder=standing.folder, check_ends=False)
     carrier, nodes = RobotCarrier(robot, scene), scene.nodes_at("start")
     middle = nodes[:2].mean(axis=0)
-    found = np.zeros((2, N_CELLS, N_CELLS), dtype=bool)
+    found = np.zeros((2, SETTINGS.n_cells, SETTINGS.n_cells), dtype=bool)
     around = np.array([place.lower, place.upper])
     for hand, *cell in np.ndindex(found.shape):
         there = nodes + _at_cell(around, place.axis, (cell[0], cell[1])) - middle
         is_clear = standing.owners.size == 0 or scene.nearest_at(there)[0] > scene.clearance
-        found[hand, cell[0], cell[1]] = is_clear and carrier.ends.reaches(hand, there, N_SEEDS)
+        found[hand, cell[0], cell[1]] = is_clear and carrier.ends.reaches(hand, there, SETTINGS.n_seeds)
     return found
 
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from comove.arrays import Array
 from comove.model.scene import Scene
-from comove.robots.free_space import SPARES
+from comove.robots.free_space import SETTINGS as ROOM
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import among, buried, link_of, placed_bodies
 from comove.robots.search.following import SEARCHING
@@ -25,22 +25,42 @@ from comove.robots.verification.bodies import links_apart
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-N_DRAWN, N_TRIED = (
-    3000,
-    150,
-)  # random configurations of an arm, and those that are settled and tested for contact
-N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
-# Mean place of the hands along x below which the front is where x is negative, and where the front begins [reaches].
-BACKWARDS, IN_FRONT = -0.1, 0.25
-MOST_SIGNS = 12  # joints of an arm of which all signs are tried for one in a mirror
-SETTLED = 2e-3  # reaches and radians together, by which a hand may miss its home, or another one in a mirror
-APART = 0.3  # reaches, between the hands of arms that face each other
-FAR = 0.75  # share of the places of hands that are nearer than a home
-STEEP = radians(
-    30.0
-)  # angle from straight down of an approach that counts as down where a home is looked for
-NEAR_DOWN = radians(5.0)  # angle from straight down at home from which on it is told
-DIGITS = 3  # of joints at home
+@dataclass(frozen=True)
+class HomeSettings:
+    """Settings of the search for homes.
+
+    Attributes
+    ----------
+    n_drawn, n_tried : random configurations of an arm, and those that are settled and tested for contact
+    n_steps, gain, damping : of the iteration by which a hand settles
+    backwards : mean place of the hands along x below which the front is where x is negative [reaches]
+    in_front : where the front begins along x [reaches]
+    most_signs : joints of an arm of which all signs are tried for one in a mirror
+    settled : by how much a hand may miss its home, or another one in a mirror [reaches and radians together]
+    apart : distance of the hands of arms that face each other [reaches]
+    far : share of the places of hands that are nearer than a home
+    steep : angle from straight down of an approach that counts as down where a home is looked for [rad]
+    near_down : angle from straight down at home from which on it is told [rad]
+    digits : of joints at home
+    """
+
+    n_drawn: int = 3000
+    n_tried: int = 150
+    n_steps: int = 60
+    gain: float = 0.5
+    damping: float = 1e-3
+    backwards: float = -0.1
+    in_front: float = 0.25
+    most_signs: int = 12
+    settled: float = 2e-3
+    apart: float = 0.3
+    far: float = 0.75
+    steep: float = radians(30.0)
+    near_down: float = radians(5.0)
+    digits: int = 3
+
+
+SETTINGS = HomeSettings()
 
 
 def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> tuple[list[Array], list[str]]:
@@ -63,15 +83,15 @@ def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> tuple[
     between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead)
     for k, (arm, drawn, wanted) in enumerate(zip(robot.arms, drawn_by_arm, between, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
-        begun = [*_as_before(robot, q, k), *drawn.best(q, wanted)[:N_TRIED]]
+        begun = [*_as_before(robot, q, k), *drawn.best(q, wanted)[: SETTINGS.n_tried]]
         place = drawn.base + reach * wanted
         ended = [_settled(robot, arm, each, place, reach) for each in begun]
-        best = [each for each, miss in ended if miss < SETTLED and not buried(alone, around, each)]
+        best = [each for each, miss in ended if miss < SETTINGS.settled and not buried(alone, around, each)]
         found = _first_free(robot, best, later, needed)
         if found is None:  # then anywhere with the hand down
             own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
             ended = [_settled(robot, arm, *pair, reach) for pair in zip(begun, own, strict=True)]
-            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > SETTLED)]
+            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > SETTINGS.settled)]
             clear = [each for each in best if not buried(alone, around, each)]
             found = _first_free(robot, clear, later, needed)
         if found is None:  # then however the hand is turned
@@ -86,7 +106,7 @@ def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> tuple[
                 f"{' and from what stands around' if around is not None else ''}: write one"
             )
         tilt = tilt_of(robot.tool_pose(q, arm))
-        if tilt > NEAR_DOWN:
+        if tilt > SETTINGS.near_down:
             notes.append(
                 f"the hand of '{arm.name}' at home is {np.rad2deg(tilt):.0f} degrees from pointing down, as near as "
                 f"its {len(arm.columns)} joints were seen to come, clear of everything"
@@ -101,7 +121,7 @@ def limit_margin(robot: Robot) -> Array:
 
 def clearance_at_home(robot: Robot) -> Array:
     """Return the distance that each pair of links keeps at home; array, shape (n_pairs,) [m]."""
-    return links_apart(robot) + SPARES[-1]
+    return links_apart(robot) + ROOM.spares[-1]
 
 
 def near_limits(robot: Robot, rounding: float = 1e-9) -> Iterator[tuple[str, float, float, float]]:
@@ -141,7 +161,7 @@ def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
 
 def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
     """Return the configuration of an arm as another one in a mirror between them, if their joints allow."""
-    if len(arm.columns) > MOST_SIGNS:
+    if len(arm.columns) > SETTINGS.most_signs:
         return []
     signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
     drawn = np.repeat(q[None], len(signs), axis=0)
@@ -154,7 +174,7 @@ def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
     places = hands[:, :3, 3] - base_of(robot, arm) - in_mirror * (hand[:3, 3] - base_of(robot, other))
     miss = np.linalg.norm(places, axis=1) + np.linalg.norm(hands[:, :3, 2] - in_mirror * hand[:3, 2], axis=1)
     best = int(miss.argmin())
-    return [drawn[best]] if miss[best] < SETTLED else []
+    return [drawn[best]] if miss[best] < SETTINGS.settled else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +203,8 @@ class _Drawn:
     def of(cls, robot: Robot, arm: Arm, rng: np.random.Generator) -> _Drawn:
         lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
         low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-        drawn = np.repeat(robot.home[None], N_DRAWN, axis=0)
-        joints = drawn[:, arm.columns] = rng.uniform(low, high, (N_DRAWN, len(low)))
+        drawn = np.repeat(robot.home[None], SETTINGS.n_drawn, axis=0)
+        joints = drawn[:, arm.columns] = rng.uniform(low, high, (SETTINGS.n_drawn, len(low)))
         poses, base = robot.tool_poses(drawn, (arm,))[:, 0], base_of(robot, arm)
         places = poses[:, :3, 3] - base
         reach = float(np.linalg.norm(places, axis=1).max())
@@ -222,13 +242,13 @@ def _middle_of_reach(drawn: list[_Drawn]) -> Array:
     hands can point down; array, shape (3,), in reaches.
     """
     places = np.concatenate([arm.places for arm in drawn])
-    front = -1.0 if places[:, 0].mean() < BACKWARDS else 1.0
-    ahead = front * places[:, 0] > IN_FRONT
-    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > np.cos(STEEP)
+    front = -1.0 if places[:, 0].mean() < SETTINGS.backwards else 1.0
+    ahead = front * places[:, 0] > SETTINGS.in_front
+    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > np.cos(SETTINGS.steep)
     known = places[ahead & down] if (ahead & down).any() else places[ahead]
     if not len(known):
         return np.array([front * 0.5, 0.0, -0.15])
-    return np.array([front * np.quantile(front * known[:, 0], FAR), 0.0, np.median(known[:, 2])])
+    return np.array([front * np.quantile(front * known[:, 0], SETTINGS.far), 0.0, np.median(known[:, 2])])
 
 
 def _facing(bases: Array, ahead: Array) -> Array:
@@ -244,8 +264,8 @@ def _facing(bases: Array, ahead: Array) -> Array:
     if len(bases) != 2:
         return wanted
     way = bases[1] - bases[0]
-    room = 0.5 * (abs(way[0]) - APART)
-    if room > IN_FRONT and abs(way[0]) > abs(way[1]):
+    room = 0.5 * (abs(way[0]) - SETTINGS.apart)
+    if room > SETTINGS.in_front and abs(way[0]) > abs(way[1]):
         wanted[:, 0] = np.sign(way[0]) * min(room, abs(ahead[0])) * np.array([1.0, -1.0])
     return wanted
 
@@ -258,17 +278,17 @@ def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tu
     keep, miss = limit_margin(robot), np.inf
     lower, upper = robot.lower + keep, robot.upper - keep
     q = np.clip(q, lower, upper)
-    for _ in range(N_STEPS):
+    for _ in range(SETTINGS.n_steps):
         pose = robot.tool_pose(q, arm)
         error = np.concatenate([place - pose[:3, 3], aside @ np.cross(pose[:3, 2], DOWN)])
         miss = float(np.linalg.norm(error[:3])) / reach + tilt_of(pose)
-        if miss < SETTLED:
+        if miss < SETTINGS.settled:
             break
         moved = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
         lever = pose[:3, 3] - data.oMf[frame].translation
         rates = np.concatenate([moved[:3] + np.cross(moved[3:].T, lever).T, aside @ moved[3:]])
-        square = rates @ rates.T + DAMPING * np.eye(5)
-        q[arm.columns] += GAIN * rates.T @ np.linalg.solve(square, error)
+        square = rates @ rates.T + SETTINGS.damping * np.eye(5)
+        q[arm.columns] += SETTINGS.gain * rates.T @ np.linalg.solve(square, error)
         q = np.clip(q, lower, upper)
     return _rounded(q, lower, upper), miss
 
@@ -276,13 +296,13 @@ def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tu
 def _rounded(q: Array, lower: Array, upper: Array) -> Array:
     """Return joints within limits, rounded where that leaves them there; arrays, shape (n_joints,)."""
     q = np.clip(q, lower, upper)
-    rounded = q.round(DIGITS)
+    rounded = q.round(SETTINGS.digits)
     return np.where((rounded < lower) | (rounded > upper), q, rounded)
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
     """Return the first configuration with what pairs of links need [m] and most to spare; None if none has."""
-    margins = (needed + (spare - SPARES[-1]) for spare in SPARES)
+    margins = (needed + (spare - ROOM.spares[-1]) for spare in ROOM.spares)
     near = (each for margin in margins for each in some if _is_free(robot, each, margin, later))
     return next(near, None)
 

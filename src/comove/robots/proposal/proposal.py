@@ -28,21 +28,13 @@ from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, 
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, points_from_tip, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import clearance_at_home, homes_of
-from comove.robots.proposal.tree import GUESSED, LONGEST_FINGER, MOVING, Chain, Tree, has_word
+from comove.robots.proposal.tree import GUESSED, MOVING, SHAPE, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
 
 Pair = tuple[str, str]
 
-ENDLESS = 3.14  # rad, limit either way of joints that turn without end or state none
-SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
-N_SAMPLES = 300  # random configurations that tell which pairs of links touch always, and which come near
-ALWAYS = 0.95  # share of these from which on a pair counts as always touching
-TIP_OFF = 0.01  # m, of a tip, or a joint before, from the last joint from which on it tells the approach
-MASS_OFF = 0.02  # m, likewise of the centre of mass of a hand without a body
-BETWEEN_FROM = 0.3  # share of the fingers' length from which on a tip lies between them
-GRIP = 0.75  # share of the fingers' length at which a tool is put
 SIDES = ("left", "right")
 TOLD = {
     "Always": "touch in every configuration",
@@ -55,6 +47,36 @@ FORWARD = re.compile(
 )  # of frames whose z leads forward by convention
 MOUNT = "tool|ee|eef|flange"  # words of frames whose z, or x, leads forward
 SIDE_OF = re.compile(r"(?:^|[_/])((?i:left|right|l|r))(?=[_/]|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
+
+
+@dataclass(frozen=True)
+class ProposalSettings:
+    """Settings of guesses.
+
+    Attributes
+    ----------
+    endless : limit, either way, of joints that turn without end or state none [rad]
+    springs : share of a weight that is too much for a motor, guessed to be held by springs
+    n_samples : random configurations that tell which pairs of links touch always, and which come near
+    always : share of these from which on a pair counts as always touching
+    tip_off : distance of a tip, or of a joint before, from the last joint from which on it tells the direction of
+        approach [m]
+    mass_off : likewise of the centre of mass of a hand without a body [m]
+    between : share of the fingers' length from which on a tip lies between them
+    grip : share of the fingers' length at which a tool is put
+    """
+
+    endless: float = 3.14
+    springs: float = 0.9
+    n_samples: int = 300
+    always: float = 0.95
+    tip_off: float = 0.01
+    mass_off: float = 0.02
+    between: float = 0.3
+    grip: float = 0.75
+
+
+SETTINGS = ProposalSettings()
 
 
 @dataclass(frozen=True)
@@ -158,10 +180,10 @@ def propose(
     notes += more
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, SPRINGS)
+        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, SETTINGS.springs)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
-            f"springs hold {SPRINGS:.0%} of it, of which a URDF does not know"
+            f"springs hold {SETTINGS.springs:.0%} of it, of which a URDF does not know"
         )
     return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
 
@@ -329,7 +351,7 @@ def _limits_of(part: _Part) -> dict[str, dict[str, float]]:
             }
             lower, upper = joint.bounds
             if joint.kind == "continuous" or not lower < upper:
-                missing |= {"lower": -ENDLESS, "upper": ENDLESS}
+                missing |= {"lower": -SETTINGS.endless, "upper": SETTINGS.endless}
             elif (right := in_radians_or_metres(lower, upper, slides=joint.kind == "prismatic")) is not None:
                 missing |= dict(zip(("lower", "upper"), right, strict=True))
         if missing:
@@ -359,7 +381,7 @@ def _with_tools(
         turn, begin = _grasp_axes(_finger_frames(robot, arm), bool(FORWARD.search(chain.tip)))
         approach = turn[:, 2]
         end = float((held @ approach).max(initial=begin))
-        between = at_tip and begin + BETWEEN_FROM * (end - begin) <= 0.0
+        between = at_tip and begin + SETTINGS.between * (end - begin) <= 0.0
         if between and approach[2] > 0.5:
             continue
         if between:
@@ -369,8 +391,10 @@ def _with_tools(
                 "so that z is the direction of approach"
             )
             continue
-        arms[arm.name] = arms[arm.name] | _tool(turn, begin + GRIP * (end - begin))
-        where = f"{GRIP:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
+        arms[arm.name] = arms[arm.name] | _tool(turn, begin + SETTINGS.grip * (end - begin))
+        where = (
+            f"{SETTINGS.grip:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
+        )
         notes.append(
             f"the tool of '{arm.name}' is {where}, its approach along {_axis_name(approach)} of '{arm.tip}': see the "
             "picture, and move it between the finger tips"
@@ -384,7 +408,7 @@ def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[
     The gripper's bodies are turned along the approach of the arm.
     """
     path, entry, _, tree = _read(gripper, file)
-    if chain := next((chain for chain in tree.chains() if len(chain.joints) > LONGEST_FINGER), None):
+    if chain := next((chain for chain in tree.chains() if len(chain.joints) > SHAPE.longest_finger), None):
         raise RobotError(
             f"it has an arm of its own, from '{chain.joints[0]}' to '{chain.joints[-1]}'",
             file=path,
@@ -491,20 +515,20 @@ def _approach_of(robot: Robot, arm: Arm) -> tuple[Array, str, Array]:
     axis = turn @ data.oMi[last].rotation @ joint_axes(model)[0][last - 1]
     center = np.array(tip.actInv(data.oMi[last].act(model.inertias[last].lever)))
     steps = (turn @ (origin - data.oMi[joint].translation) for joint in before)
-    far = next((step for step in steps if np.linalg.norm(step) > TIP_OFF), None)
+    far = next((step for step in steps if np.linalg.norm(step) > SETTINGS.tip_off), None)
     along = float((place + center) @ axis)
     aside = place + center - along * axis
     if FORWARD.search(arm.tip):
         found = forward, BY_NAME
-    elif np.linalg.norm(place) > TIP_OFF:
+    elif np.linalg.norm(place) > SETTINGS.tip_off:
         found = _nearest_axis(place), BY_PLACE
     elif has_word(arm.tip, MOUNT):
         found = np.roll(forward, 1) if np.abs(axis).argmax() == 0 else forward, BY_NAME
-    elif np.linalg.norm(aside) > max(MASS_OFF, abs(along)):
+    elif np.linalg.norm(aside) > max(SETTINGS.mass_off, abs(along)):
         found = _nearest_axis(aside), BY_MASS
     elif far is not None and abs(far @ axis) > 0.5 * np.linalg.norm(far):
         found = _nearest_axis(float(far @ axis) * axis), BY_AXIS
-    elif abs(along) > MASS_OFF:
+    elif abs(along) > SETTINGS.mass_off:
         found = _nearest_axis(along * axis), BY_MASS
     else:
         found = (forward, BY_NOTHING) if far is None else (_nearest_axis(far), BY_CHAIN)
@@ -558,10 +582,10 @@ def _left_out(
     gripper touches so
     """
     rng = np.random.default_rng(seed)
-    drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
+    drawn = rng.uniform(robot.lower, robot.upper, (SETTINGS.n_samples, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
-    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS}
-    never = near_but_apart(robot, clearance_at_home(robot), N_SAMPLES, rng)
+    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= SETTINGS.always}
+    never = near_but_apart(robot, clearance_at_home(robot), SETTINGS.n_samples, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     touched: dict[str, list[str]] = {}

@@ -38,12 +38,29 @@ TIPS = (
     "gripper",
 )
 """Words in the name of an arm's last frame, the best first; with $ only as the last word."""
-LEAST = 4  # joints of an arm
-FINGER = 4  # joints of the fingers that leave a palm, at most
-LONGEST_FINGER = 5  # joints of any finger, at most: as many as thumb and little finger of a Shadow hand have
-MANY = 3  # joints that leave a body, from which on it is a hand
 LONG_STROKE = 0.2  # m, from which on a joint that slides is no finger unless it is called so
 LONGEST_STROKE = 4.0  # m, beyond which what slides is no lift or gantry of an arm, but a base that drives
+
+
+@dataclass(frozen=True)
+class ArmShape:
+    """Numbers that tell arms, hands and fingers apart.
+
+    Attributes
+    ----------
+    least : joints of an arm
+    finger : joints of the fingers that leave a palm, at most
+    longest_finger : joints of any finger, at most: as many as thumb and little finger of a Shadow hand have
+    many : joints that leave a body, from which on it is a hand
+    """
+
+    least: int = 4
+    finger: int = 4
+    longest_finger: int = 5
+    many: int = 3
+
+
+SHAPE = ArmShape()
 
 
 def words_of(name: str) -> tuple[str, ...]:
@@ -235,14 +252,14 @@ class Tree:
     def is_palm(self, link: str) -> bool:
         """Return whether only fingers leave the body of a link."""
         leaving = self.leaving(link)
-        short = all(self.depth(joint) <= FINGER for joint in leaving)
+        short = all(self.depth(joint) <= SHAPE.finger for joint in leaving)
         of_gripper = [joint for joint in leaving if joint.grips]
         return bool(leaving) and short and (len(leaving) > 1 or len(of_gripper) == len(leaving))
 
     def chains(self) -> tuple[Chain, ...]:
         """Return the arms of the robot, and what else is as long as an arm."""
         found = map(self._without_drive, self._from(self.root, (), ()))
-        return tuple(chain for chain in found if len(chain.joints) >= LEAST)
+        return tuple(chain for chain in found if len(chain.joints) >= SHAPE.least)
 
     def _without_drive(self, chain: Chain) -> Chain:
         """Return a chain whose first joints, if they drive a mobile base, are of its trunk: as far as the last that
@@ -264,10 +281,10 @@ class Tree:
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
         """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""
         leaving = self.leaving(link)
-        deep = sum(self.depth(joint) > LONGEST_FINGER for joint in leaving)
+        deep = sum(self.depth(joint) > SHAPE.longest_finger for joint in leaving)
         is_chest = deep == 2  # models of hands have such fingers as well, but more
-        has_fingers = self.is_palm(link) or len(leaving) >= MANY
-        at_hand = len(joints) >= LEAST and not is_chest and has_fingers
+        has_fingers = self.is_palm(link) or len(leaving) >= SHAPE.many
+        at_hand = len(joints) >= SHAPE.least and not is_chest and has_fingers
         if not leaving or at_hand:
             fingers = tuple(self._all_from(leaving))
             grippers = (link for finger in fingers for link in self.body(finger.child))
@@ -276,7 +293,7 @@ class Tree:
             names = tuple(finger.name for finger in fingers)
             yield Chain(trunk, joints, moved, self.body(link), names, tuple(grippers))
             return
-        long = [joint for joint in leaving if self.depth(joint) >= LEAST]
+        long = [joint for joint in leaving if self.depth(joint) >= SHAPE.least]
         if len(long) > 1:
             for joint in long:
                 yield from self._from(joint.child, (*trunk, *joints), (joint.name,))

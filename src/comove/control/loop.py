@@ -1,0 +1,219 @@
+"""The control loop of an execution: replan, filter, move, and log it.
+
+A `Replanner` keeps the reference: poses of the rigid groups, and joints where arms hold them. Where it is certified
+for exactly known motions it is followed exactly; otherwise the safety filter changes its velocities to keep clear of
+the obstacles that are seen now. `comove.control.Executor` moves free end effectors,
+`comove.robots.online.executor.JointExecutor` arms.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from abc import ABC, abstractmethod
+from array import array
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from comove.arrays import Array
+from comove.control.observers import Observer
+from comove.control.safety.cbf_qp import NO_JOINTS, NOTHING, Allowed, JointState, SafetyFilter
+from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
+from comove.model.coordinates import HandPoses
+from comove.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event of an execution, which happened at `time` [s] and is described by `what`."""
+
+    time: float
+    what: str
+
+
+@dataclass(eq=False)
+class ExecutionLog:
+    """The log of an execution, step by step.
+
+    Attributes
+    ----------
+    events : events in their order
+    control, planning : computing time of every control step, and of every attempt to plan [s]
+    blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
+        border, the number of the file's obstacles for all else that is seen
+    relaxed : by how much the safety filter had to relax its rows at most [m/s]
+    stopped : number of control steps in which arms had to stand at once
+    evaluations, generations : totals of all plans
+    first_plan : computing time until the first plan was found [s], None where there was none
+    """
+
+    events: list[Event] = field(default_factory=list)
+    control: array[float] = field(default_factory=lambda: array("d"))
+    planning: list[float] = field(default_factory=list)
+    blocking: dict[int, int] = field(default_factory=dict)
+    relaxed: float = 0.0
+    stopped: int = 0
+    evaluations: int = 0
+    generations: int = 0
+    first_plan: float | None = None
+
+    def note(self, allowed: Allowed, scene: Scene) -> None:
+        """Note what the safety filter allowed: what hindered, and how far rows were relaxed."""
+        self.relaxed = max(self.relaxed, allowed.relaxed)
+        if allowed.blocking != NOTHING:
+            row, named = allowed.blocking, len(scene.owners)
+            # What clouds show has no lasting number.
+            who = scene.owner_of(row) if row < named else len(scene.motions)
+            self.blocking[who] = self.blocking.get(who, 0) + 1
+
+    def quantile(self, q: float) -> float | None:
+        """Return a quantile of the computing times of control steps [s]; None without a step."""
+        return float(np.quantile(self.control, q)) if self.control else None
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Return what the summary of every stored execution says of it."""
+        return {
+            "plans": len(self.planning),
+            "control_s_median": self.quantile(0.5),
+            "control_s_p999": self.quantile(0.999),
+            "relaxed_max": self.relaxed,
+            "events": [{"time": event.time, "what": event.what} for event in self.events],
+        }
+
+
+class Setpoint(NamedTuple):
+    """The setpoint of one control step, on the reference.
+
+    Attributes
+    ----------
+    here, ahead : its poses now and a period later
+    exact : whether it is certified, and followed exactly
+    joints, rates : arrays, shape (n_joints,), its joints and their rates [rad, rad/s]
+    """
+
+    here: HandPoses
+    ahead: HandPoses
+    exact: bool = False
+    joints: Array = np.zeros(0)
+    rates: Array = np.zeros(0)
+
+
+class Replanner(ABC):
+    """The base of what keeps the reference of a control loop."""
+
+    @abstractmethod
+    def update(self, run: ControlLoop) -> None:
+        """Look ahead along the reference, and replace it where it fails or a better one is found."""
+
+    @abstractmethod
+    def current(self, run: ControlLoop) -> Setpoint:
+        """Return the setpoint of the present control step."""
+
+    def advance(self, run: ControlLoop, pace: float) -> None:  # noqa: B027  a reference in time needs none
+        """Go on by a control period, at a share of the reference's pace."""
+
+
+class ControlLoop:
+    """The base of executors: one control step after the other.
+
+    Parameters
+    ----------
+    scene : the scene to be executed
+    observer : observer of its obstacles
+    period : control period [s]
+
+    Attributes
+    ----------
+    catch_up : time constant of the return to the reference [s]
+    at_goal, at_rest : distance and speed of the end effectors at which an execution ends [m, m/s]
+    """
+
+    replanner: Replanner
+    filter: SafetyFilter
+    catch_up: float
+    at_goal: float
+    at_rest: float
+
+    def __init__(self, scene: Scene, observer: Observer, period: float):
+        self.scene, self.observer, self.period = scene, observer, period
+        self.log, self.n_steps, self.goal = ExecutionLog(), 0, poses_of(scene, "goal")
+        self._stop_at(poses_of(scene, "start"))
+
+    def _stop_at(self, poses: HandPoses) -> None:
+        """Be at rest at some poses."""
+        self.poses, self.twists = poses, np.zeros((len(self.scene.groups), 6))
+        self._before = np.zeros((len(self.scene.manipulators), 3))
+
+    @property
+    def time(self) -> float:
+        """Return the present time [s]."""
+        return self.n_steps * self.period
+
+    @property
+    def arrived(self) -> bool:
+        """Return whether the payload is at its goal, at rest."""
+        at_rest = np.linalg.norm(self._before, axis=1).max() <= self.at_rest
+        return bool(at_rest and self.distance_from(self.goal) <= self.at_goal)
+
+    @property
+    def joints(self) -> Array:
+        """Return the commanded joints of the arms, none of end effectors alone; array, shape (n_joints,) [rad]."""
+        return np.zeros(0)
+
+    def distance_from(self, poses: HandPoses) -> float:
+        """Return the largest distance of an end effector from its place at other poses [m]."""
+        return float(np.linalg.norm(self.hands(self.poses) - self.hands(poses), axis=1).max())
+
+    def hands(self, poses: HandPoses) -> Array:
+        """Return the end effectors at given poses; array, shape (n_manipulators, 3) [m]."""
+        return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
+
+    def tell(self, what: str) -> None:
+        """Add an event to the log."""
+        self.log.events.append(Event(self.time, what))
+
+    def _step(self, lag: float = 0.0) -> None:
+        """Perform one control step: replan, filter, move."""
+        begun, n_planned = clock.perf_counter(), len(self.log.planning)
+        self.replanner.update(self)
+        self._advance(lag)
+        self.n_steps += 1
+        planned = sum(self.log.planning[n_planned:])
+        self.log.control.append(clock.perf_counter() - begun - planned)
+
+    def _advance(self, lag: float) -> None:
+        """Move by one control step, of whose commands the last one is missed by `lag`."""
+        reference = self.replanner.current(self)
+        if reference.exact:
+            self.twists = twists_between(self.scene, self.poses, reference.ahead, self.period)
+            self._move(np.zeros(0))
+            return
+        pace = self._pace(reference, lag)
+        twists = pace * twists_between(self.scene, reference.here, reference.ahead, self.period)
+        twists = twists + twists_between(self.scene, self.poses, reference.here, self.catch_up)
+        wanted, joints = hand_velocities(self.scene, self.poses, twists), self._joint_state(reference, pace)
+        seen = self.observer.observe(self.time)
+        allowed = self.filter.allowed(self.poses, self._before, wanted, seen, joints)
+        self.log.note(allowed, self.scene)
+        self.twists = allowed.twists
+        self._move(allowed.rates)
+        self.replanner.advance(self, pace)
+
+    def _pace(self, reference: Setpoint, lag: float) -> float:
+        """Return the share of the reference's pace at which it goes on."""
+        return 1.0
+
+    def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
+        """Return the state of the joints for the safety filter, which end effectors alone do not have."""
+        return NO_JOINTS
+
+    def _move(self, rates: Array) -> None:
+        """Move the rigid groups by their twists, and joints by their rates."""
+        self._placed(advanced(self.poses, self.twists, self.period))
+
+    def _placed(self, poses: HandPoses) -> None:
+        """Be at the poses at the end of the step."""
+        self._before = (self.hands(poses) - self.hands(self.poses)) / self.period
+        self.poses = poses
