@@ -76,7 +76,7 @@ def test_every_room_is_on_the_plan_and_every_room_of_the_plan_exists():
 def test_the_order_is_that_of_the_design():
     """Data flows down; what a room may know lies above it."""
     order = [
-        *("errors", "arrays", "brief", "ties", "methods", "compiled", "trajectory"),
+        *("errors", "arrays", "brief", "methods", "compiled", "trajectory"),
         *("io", "processes", "geometry"),
         *("dmp", "model", "verification", "contacts", "optim", "planning", "results"),
         *("control", "robots", "sim", "stored", "solving", "ros", "data", "view", "lab", "cli"),
@@ -225,7 +225,7 @@ def test_everything_that_is_offered_exists():
     [
         room
         for room in (rooms() if PLAN.is_file() else [])
-        if room not in ("errors", "arrays", "brief", "ties", "trajectory")
+        if room not in ("errors", "arrays", "brief", "trajectory")
     ],
 )
 def test_every_room_offers_what_exists(room):

@@ -117,7 +117,7 @@ def test_the_scene_says_which_executor_moves(monkeypatch):
     assert isinstance(of_joints, JointExecutor)
     assert (of_joints.settings.period, of_joints.seed) == (0.005, 2)
     free = comove.Executor(example("wide"), period=0.02)
-    assert isinstance(free, FreeExecutor) and free.pace.period == 0.02
+    assert isinstance(free, FreeExecutor) and free.period == 0.02
     with pytest.raises(OptionError, match="demonstration: robots follow no demonstration"):
         comove.Executor(gantry_scene(), robot=robot("gantry"), demonstration=object())
 

@@ -1,9 +1,31 @@
-"""Types of arrays, by what they hold."""
+"""Arrays: their types, and which of their values is the largest, where rounding must not decide.
+
+Hands, joints and obstacles that mirror each other give values that are equal but for the last digit, and that digit
+depends on the processor. Messages and decisions must not depend on it: values that differ only by rounding count as
+equal, and the first is taken.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
+
+
+def first_largest(values: ArrayLike) -> int:
+    """Return the first index in the flattened array of a value as large as the largest; nan counts as largest."""
+    values = np.asarray(values, dtype=float).ravel()
+    best = int(np.argmax(values))
+    if not np.isfinite(values[best]):
+        return best
+    finite = values[np.isfinite(values)]
+    return int(np.argmax(values >= values[best] - ROUNDING * np.abs(finite).max()))
+
+
+def first_least(values: ArrayLike) -> int:
+    """Return the first index in the flattened array of a value as small as the least; nan counts as least."""
+    return first_largest(-np.asarray(values, dtype=float))

@@ -496,7 +496,7 @@ class _Folder:
         )
 
     def _simulation(self) -> Verification:
-        from comove.robots.grippers import without_gripper
+        from comove.robots.verification.checks import without_gripper
         from comove.sim.files import SIMULATION, verify_simulation
 
         carried = self.carried

@@ -24,7 +24,7 @@ from comove.contacts.surroundings import corner_of, count_corners, count_parts, 
 from comove.errors import SceneError
 from comove.model import Scene
 from comove.model.coordinates import coordinates_for
-from comove.model.displacements import Displacements
+from comove.model.moving import Displacements
 from tests.cases import examples
 from tests.meshes import l_profile, write_stl
 from tests.verification.random_boxes import box_near_contact

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from comove.model.displacements import Displacements
+from comove.model.moving import Displacements
 
 CENTERS = np.zeros((2, 3))
 

@@ -19,9 +19,9 @@ import comove
 from comove.errors import ComoveWarning, RobotError
 from comove.model import Scene
 from comove.robots import Robot, verify_joints
-from comove.robots.grippers import without_gripper
 from comove.robots.mounting import COLOUR
 from comove.robots.proposal import examine, propose
+from comove.robots.verification.checks import without_gripper
 from comove.sim import simulate
 from comove.sim.engine import engine
 from comove.sim.urdf import for_mujoco

@@ -52,9 +52,12 @@ def export(
         raise OptionError(
             "--transfers is both, --no-transfers neither", key=key, way_out="leave one of the options out"
         )
+    strict = bool(transfers or approach or release)
+    both = bool(transfers or (transfers is None and not strict))
+    o.require_approach(present, both or approach)
     motion = trusted.verified(folder)
-    in_step, strict = bool(motion.scene.moving.any()), bool(transfers or approach or release)
-    both = transfers or (transfers is None and not strict and not in_step)
+    in_step = bool(motion.scene.moving.any())
+    both = both and (strict or not in_step)
     approach, release = both or approach, both or release
     o.require_approach(present, approach)
     kind = usual_format(motion) if format is None else KINDS[format]

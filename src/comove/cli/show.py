@@ -96,7 +96,7 @@ def _measured(found: Verification) -> dict[str, Any]:
     elif found.part in (ResultPart.MOTION, ResultPart.RUN) and found.report is not None:
         measures = {name: value for name, value in found.report.asdict().items() if name != "reasons"}
     elif found.robot is not None:
-        from comove.robots.grippers import without_gripper
+        from comove.robots.verification.checks import without_gripper
 
         measures = {"without_gripper": without_gripper(found.robot)}
     return {name: finite(value) if isinstance(value, float) else value for name, value in measures.items()}

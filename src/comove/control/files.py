@@ -10,8 +10,8 @@ import numpy as np
 from comove._version import __version__
 from comove.control.loop import ExecutionLog
 from comove.model.coordinates import load_coordinates
-from comove.model.displacements import Displacements
 from comove.model.files.keys import canonical
+from comove.model.moving import Displacements
 from comove.planning.objective import Objective
 from comove.results.reference import SCENE
 from comove.results.runs import RUN

@@ -212,7 +212,7 @@ class Study:
         if not self.on_robot:
             return {}
         from comove.data.carried import robot_named
-        from comove.robots.grippers import without_gripper
+        from comove.robots.verification.checks import without_gripper
 
         return {name: without_gripper(robot_named(name, self.folder)) for name in self._robots}
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from comove.arrays import Array
-from comove.ties import first_largest, first_least
+from comove.arrays import Array, first_largest, first_least
 
 TINY = 1e-150
 SMALL = 1e-3  # rad, below which the limit replaces what would cancel

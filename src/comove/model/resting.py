@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from comove.arrays import Array, Integers
+from comove.arrays import Array, Integers, first_largest, first_least
 from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
@@ -29,7 +29,6 @@ from comove.model.files.words import Words
 from comove.model.moving import ObstacleMotion
 from comove.model.rigid import ENDS
 from comove.model.shapes import MovingBody
-from comove.ties import first_largest, first_least
 
 SLOPE = 0.5  # by which the required distance grows per displacement: a body leaves at 30 degrees or more
 TOLERANCE = 1e-4  # m, of drawings, by which a body may be in its support, and its distance may shrink

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.errors import SceneError
 from comove.geometry.rotations import (
     UP,
@@ -46,7 +46,6 @@ from comove.model.groups import (
     tilt_between,
 )
 from comove.model.shapes import box_corners, parts_of, spatial
-from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition

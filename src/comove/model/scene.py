@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
@@ -32,7 +32,6 @@ from comove.model.constraints import (
     UprightConstraint,
     UprightKeys,
 )
-from comove.model.displacements import Displacements
 from comove.model.files.keys import (
     DEFAULT_LIMITS,
     GraspChoice,
@@ -47,7 +46,7 @@ from comove.model.files.reading import parsed, read_scene_file
 from comove.model.files.words import VERSION_1, Words
 from comove.model.grasp import Grasp, alternatives, angle_to, chosen, far_grasps, grasp_of, turned_goal
 from comove.model.groups import GroupPose, RigidGroup, connected
-from comove.model.moving import FASTEST, ObstacleMotion, rotations, seen_from
+from comove.model.moving import FASTEST, Displacements, ObstacleMotion, rotations, seen_from
 from comove.model.resting import TOLERANCE, Rest, provable, recessions, rests_of
 from comove.model.rigid import ENDS, HEADING, LoadBodies
 from comove.model.shapes import (
@@ -63,7 +62,6 @@ from comove.model.shapes import (
     read_meshes,
     spatial,
 )
-from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition

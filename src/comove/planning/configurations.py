@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.compiled import kernel
 from comove.contacts.displaced import RESTING, instant_at
 from comove.contacts.query import Query, least_distance, separating
@@ -33,12 +33,11 @@ from comove.model.coordinates import (
     Blocks,
     Coordinates,
 )
-from comove.model.displacements import Displacements
+from comove.model.moving import Displacements
 from comove.model.resting import lift_direction
 from comove.model.scene import Scene
 from comove.planning.clock import clock_until, worked
 from comove.planning.timing import drift, too_fast, write_time
-from comove.ties import first_largest
 
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
 SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments

@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.arrays import Array, first_least
 from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
@@ -52,7 +52,6 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
-from comove.ties import first_least
 from comove.verification.verify import Report
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)

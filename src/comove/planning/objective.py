@@ -29,8 +29,8 @@ from comove.dmp.basis import rollouts
 from comove.geometry.solids import count_solids
 from comove.geometry.surfaces import count_meshes
 from comove.model.coordinates import Coordinates
-from comove.model.displacements import Displacements
 from comove.model.motion import CoordinatedMotion
+from comove.model.moving import Displacements
 from comove.model.resting import recessions
 from comove.model.scene import Scene
 from comove.planning.objectives.criteria import PaperCost

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from comove.arrays import ROUNDING
 from comove.dmp.basis import motion_basis
 from comove.dmp.dmp import DMP
 from comove.model.coordinated_dmp import CoordinatedDMP
@@ -17,7 +18,6 @@ from comove.model.files.keys import DEFAULT_LIMITS, MAX_DURATION, MIN_DURATION
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.solution import Solution
-from comove.ties import ROUNDING
 from comove.verification.bounds import largest_rates
 
 LIMITS = DEFAULT_LIMITS

@@ -10,7 +10,7 @@ import numpy as np
 from comove.arrays import Array
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER, REACH, ROTATION
-from comove.model.displacements import Displacements
+from comove.model.moving import Displacements
 
 
 class Timing(NamedTuple):

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from comove.arrays import first_largest
 from comove.errors import ResultError, shortened
 from comove.model.scene import Scene
 from comove.results.reference import SCENE, own_scene
@@ -33,7 +34,6 @@ from comove.results.sealed import (
     Summary,
     require_types,
 )
-from comove.ties import first_largest
 from comove.verification.measures import WEIGHTS, unit_terms_of
 from comove.verification.record import ExecutionReport, Record, verify_execution
 

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 import comove
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
 from comove.errors import OptionError, ResultError, shortened
@@ -37,7 +37,6 @@ from comove.results.sealed import (
     number,
     require_types,
 )
-from comove.ties import first_largest
 from comove.trajectory import Trajectory
 from comove.verification.measures import WEIGHTS, smoothness, unit_terms
 from comove.verification.verify import Report, Verdict, verify

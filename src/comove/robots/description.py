@@ -37,9 +37,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
+from comove.arrays import Array
 from comove.errors import RobotError, SceneError, near_name
+from comove.geometry.rotations import matrices
 from comove.io.keys import (
     UNTURNED,
     Contract,
@@ -79,6 +82,13 @@ class Placement(Part):
 
     position: Point = (0.0, 0.0, 0.0)
     quaternion_wxyz: Quaternion = UNTURNED
+
+    @property
+    def homogeneous(self) -> Array:
+        """Return the pose as a homogeneous matrix; array, shape (4, 4)."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = matrices(np.array(self.quaternion_wxyz)), self.position
+        return pose
 
 
 def _prefix(prefix: str) -> str:

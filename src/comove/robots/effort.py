@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import PPoly
 
-from comove.arrays import Array
+from comove.arrays import ROUNDING, Array
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
@@ -36,7 +36,6 @@ from comove.robots.motion import (
     largest_velocity,
     subdivided,
 )
-from comove.ties import ROUNDING
 
 
 def load_mass(scene: Scene) -> float:

@@ -42,10 +42,9 @@ from comove.results.sealed import (
 )
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
 from comove.robots.description import bundled_robots, find_description, is_file
-from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.checks import unfit_joints
+from comove.robots.verification.checks import unfit_joints, without_gripper
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")

@@ -14,11 +14,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from comove.arrays import Array
+from comove.arrays import ROUNDING, Array
 from comove.errors import RobotError
 from comove.robots.soundness import MOMENTS, ends_of
 from comove.robots.urdf import Source
-from comove.ties import ROUNDING
 
 DENSITY = 1000.0  # kg/m^3
 MAX_TOLD = 6

@@ -32,7 +32,6 @@ from comove.robots.description import (
 from comove.robots.formats import GroupState, Srdf
 from comove.robots.further_limits import FurtherLimits, in_radians_or_metres
 from comove.robots.masses import mass_beyond, masses_of, moved_masses, with_guessed_masses
-from comove.robots.mounting import se3_of, with_grippers
 from comove.robots.soundness import ends_of
 from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
@@ -209,7 +208,10 @@ def assembled(description: RobotFile, file: Path) -> Robot:
     """Return the robot of a description; paths in it are relative to `file`, which errors name."""
     digest = hashlib.sha256(description.model_dump_json().encode())
     sources = tuple(read_source(source, description, file, digest) for source in description.models)
-    sources = with_grippers(sources, description, file, digest)
+    if any(arm.gripper is not None for arm in description.arms.values()):
+        from comove.robots.mounting import with_grippers
+
+        sources = with_grippers(sources, description, file, digest)
     with errors_in(file):
         _check_poses(description, [name for source in sources for name in source.free])
         sources, model, collision = _joined(sources)
@@ -267,7 +269,7 @@ def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
             *(_built(source, Path(folder), loader) for source in read), strict=True
         )
     model, collision = models[0], geometries[0]
-    _move_base(model, collision, se3_of(sources[0].base))
+    _move_base(model, collision, pin.SE3(sources[0].base.homogeneous))
     for source, part, geometry in zip(sources[1:], models[1:], geometries[1:], strict=True):
         names, own = ({frame.name for frame in one.frames} for one in (model, part))
         if twice := (names & own) - {"universe"}:
@@ -276,7 +278,9 @@ def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
                 key="models",
                 way_out="give one a prefix: prefix: right_",
             )
-        model, collision = pin.appendModel(model, part, collision, geometry, 0, se3_of(source.base))
+        model, collision = pin.appendModel(
+            model, part, collision, geometry, 0, pin.SE3(source.base.homogeneous)
+        )
     return sources, model, collision
 
 
@@ -660,7 +664,7 @@ def _arm(
             key=key,
             way_out=f"keep it between {lower[outside][0]:.10g} and {upper[outside][0]:.10g}",
         )
-    return Arm(name, arm.tip, columns, se3_of(arm.tool).homogeneous, home, tuple(arm.fingers))
+    return Arm(name, arm.tip, columns, arm.tool.homogeneous, home, tuple(arm.fingers))
 
 
 def _unknown_state(state: str, states: Sequence[GroupState], key: str, otherwise: str) -> RobotError:

@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
-from comove.arrays import Array, Integers
+from comove.arrays import Array, Integers, first_largest
 from comove.brief import brief
 from comove.dmp.arguments import is_number
 from comove.errors import OptionError
-from comove.ties import first_largest
 
 SLOWEST, FASTEST = 20.0, 1e4  # Hz, of commands: below, hands would leave their distance between them
 

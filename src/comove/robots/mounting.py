@@ -16,7 +16,6 @@ import numpy as np
 import pinocchio as pin
 
 from comove.errors import RobotError, near_name
-from comove.geometry.rotations import matrices
 from comove.robots.description import (
     ArmDescription,
     GripperDescription,
@@ -120,7 +119,7 @@ def _tree_of(shapes: Sequence[GripperShape]) -> ET.Element:
 
 def _geometry(shape: GripperShape) -> Iterator[tuple[ET.Element, Any]]:
     """Yield the elements of a shape that a URDF knows, and their placements; a capsule is three."""
-    place = se3_of(Placement(position=shape.center, quaternion_wxyz=shape.quaternion_wxyz))
+    place = pin.SE3(Placement(position=shape.center, quaternion_wxyz=shape.quaternion_wxyz).homogeneous)
     radius, length = repr(shape.radius), repr(shape.height or shape.length)
     if shape.shape == "box":
         yield ET.Element("box", size=" ".join(map(repr, shape.size or ()))), place
@@ -134,11 +133,6 @@ def _geometry(shape: GripperShape) -> Iterator[tuple[ET.Element, Any]]:
     if shape.length is not None:
         for end in (-0.5 * shape.length, 0.5 * shape.length):
             yield ET.Element("sphere", radius=radius), place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end]))
-
-
-def se3_of(placement: Placement) -> Any:
-    """Return the pose of a placement as Pinocchio's SE3."""
-    return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
 
 
 def _write_place(element: ET.Element, place: Any) -> None:
@@ -182,7 +176,7 @@ def _attached(
     joint = ET.SubElement(tree, "joint", name=_free_name(f"{prefix}mount", taken.union(own)), type="fixed")
     ET.SubElement(joint, "parent", link=link)
     ET.SubElement(joint, "child", link=root)
-    _write_place(joint, se3_of(given.mount))
+    _write_place(joint, pin.SE3(given.mount.homogeneous))
     tree.extend(part)
     touching = {frozenset((hand, touched)) for hand in hands for touched in given.touch_links}
     disabled = source.srdf.disabled | gripper.srdf.disabled | touching

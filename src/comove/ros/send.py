@@ -13,11 +13,11 @@ from typing import Protocol
 
 import numpy as np
 
+from comove.arrays import first_largest
 from comove.errors import OptionError, SendError, near_name
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
-from comove.ties import first_largest
 
 Clock = Callable[[], float]
 

@@ -30,8 +30,7 @@ from comove.brief import brief
 from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
-from comove.robots.verification.moving import MovingObstacles
+from comove.robots.verification.bodies import MovingObstacles, beyond_wrists, depth_of, obstacle_object
 from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
 from comove.sim.settings import PLAN, Perturbation, Settings
 

@@ -27,9 +27,9 @@ from comove.results.sealed import (
     finite,
     require_types,
 )
-from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.verification.checks import without_gripper
 from comove.sim.execution import Contact, Execution, contacts_at
 from comove.sim.grasps import GRASPS
 from comove.sim.loads import are_poses, hand_poses, load_of

@@ -19,16 +19,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from comove.arrays import Array
+from comove.arrays import Array, first_least
 from comove.brief import brief
 from comove.model.moving import rotations
 from comove.model.scene import Scene
-from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
+from comove.robots.verification.checks import without_gripper
 from comove.sim.execution import Contact, distances, work_geometry
 from comove.sim.loads import Load, carried, hand_poses, load_of, points_of
-from comove.ties import first_least
 
 if TYPE_CHECKING:
     from comove.robots.online.executor import JointExecutor

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.errors import RobotError, SceneError
 from comove.geometry.rotations import facing
 from comove.geometry.solids import N_CORNERS
@@ -25,7 +25,6 @@ from comove.robots.effort import load_mass
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.carried import hull_shape
-from comove.ties import first_largest
 
 THINNEST = 0.004  # m, radius of rods that state none
 SETTLED = 1e-3  # m, by which a payload may be in its support: servos give way, and so do contacts

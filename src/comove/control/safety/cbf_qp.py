@@ -34,7 +34,7 @@ from typing import NamedTuple, Protocol
 import daqp
 import numpy as np
 
-from comove.arrays import Array, Integers
+from comove.arrays import Array, Integers, first_largest
 from comove.control.safety.cbf_constraints import RESERVE, first_rows, missing_rows, rate
 from comove.control.safety.control_points import load_points
 from comove.control.safety.qp_workspace import (
@@ -52,7 +52,6 @@ from comove.control.safety.twists import group_nodes
 from comove.geometry.rotations import matrices
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
-from comove.ties import first_largest
 
 NOTHING = -2
 """What blocks where no obstacle (0, 1, ...) and no border (-1) does."""

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import first_largest
 from comove.dmp.demonstrations import cleaning, formats, plausibility, resampling
 from comove.dmp.demonstrations.formats import lasa
 from comove.dmp.demonstrations.samples import IN_MEMORY, RecordedSamples
 from comove.dmp.demonstrations.segmentation import Segmentation, movements
 from comove.dmp.demonstrations.units import base_unit, in_base_unit
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

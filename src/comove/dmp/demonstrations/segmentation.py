@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import first_largest, first_least
 from comove.dmp.demonstrations import resampling
 from comove.errors import OptionError
-from comove.ties import first_largest, first_least
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.dmp import DMP, LinearPhase, Variant, motion_basis
 from comove.dmp.operations import refitted
 from comove.dmp.variants import adaptation
@@ -39,7 +39,6 @@ from comove.planning.objectives.criteria import PaperCost
 from comove.planning.search import Journal, OutOfTime, Schedule, Search, SearchClock, stricter
 from comove.planning.solution import ProgressCallback, SearchEffort
 from comove.processes import one_blas_thread
-from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
 
 IMPROVING = Schedule(sigma=0.5, generations=400, patience=40, gain=0.003, population=32)

@@ -28,7 +28,7 @@ from comove.contacts.surroundings import (
 from comove.geometry.distances import distance_and_gradient, point_distance
 from comove.geometry.surfaces import count_meshes
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, Coordinates
-from comove.model.displacements import Displacements
+from comove.model.moving import Displacements
 from comove.model.scene import Scene
 
 CLOSE = 0.03  # m, distance below which a part is checked at all samples, and at the ends of rods and corners

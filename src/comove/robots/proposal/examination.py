@@ -14,10 +14,10 @@ from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
-from comove.robots.grippers import without_gripper
 from comove.robots.model import FREEDOMS, Arm, Robot
 from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, points_from_tip, touching
 from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
+from comove.robots.verification.checks import without_gripper
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.geometry.solids import N_CORNERS
-from comove.model.displacements import Displacements
+from comove.model.moving import Displacements
 from comove.model.scene import Scene
 from comove.planning.timing import fastest_point, place_obstacles
 from comove.robots.model import Arm, Robot, pin

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, make_lsq_spline
 
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.compiled import kernel
 from comove.model.motion import SAMPLE_RATE, CoordinatedMotion
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, follow_one, hand_rotation
-from comove.ties import first_largest
 
 EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-9, most=60)
 

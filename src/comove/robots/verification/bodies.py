@@ -18,7 +18,7 @@ on different bases, are reduced by their effect.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -36,9 +36,9 @@ from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
+from comove.robots.motion import Ranges
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
 from comove.robots.verification.kinematics import Bases, moved_by
-from comove.robots.verification.moving import MovingObstacles
 
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
 BURIED = 0.01  # m, deeper than what stands on something is in it by the tolerances of drawings
@@ -474,3 +474,77 @@ def _changes(robot: Robot, geometry: Any, reach: Array, pairs: Integers, moving:
 
 def _joints(geometry: Any) -> Integers:
     return np.array([item.parentJoint for item in geometry.geometryObjects], dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingObstacles:
+    """The bodies of a geometry model that are obstacles in motion.
+
+    Attributes
+    ----------
+    scene : scene whose obstacles they are
+    obstacle : array, shape (n_moving,), numbers of the obstacles that move
+    body : array, shape (n_bodies,), numbers of their bodies: the obstacles themselves, and hulls of meshes
+    of : array, shape (n_bodies,), for each body the index of its obstacle in `obstacle`
+    turn, place : arrays, shape (n_bodies, 3, 3) and (n_bodies, 3), placements of the bodies in the file [m]
+    """
+
+    scene: Scene
+    obstacle: Integers
+    body: Integers
+    of: Integers
+    turn: Array
+    place: Array
+
+    @classmethod
+    def among(cls, scene: Scene, geometry: Any, first: int, hulls: Mapping[int, int]) -> MovingObstacles:
+        """Return the obstacles of a scene that move, among bodies.
+
+        Parameters
+        ----------
+        geometry : pinocchio.GeometryModel
+        first : number of the first obstacle's body, which those of the others follow
+        hulls : numbers of hulls, by those of the meshes that they hold
+        """
+        moving = np.flatnonzero(scene.moving)
+        body = [(k, first + i) for k, i in enumerate(moving.tolist())]
+        body += [(k, hulls[number]) for k, number in body if number in hulls]
+        of, numbers = np.array(body, dtype=np.int64).reshape(-1, 2).T
+        placed = [geometry.geometryObjects[number].placement for number in numbers.tolist()]
+        return cls(
+            scene,
+            moving,
+            numbers,
+            of,
+            np.array([place.rotation for place in placed]).reshape(-1, 3, 3),
+            np.array([place.translation for place in placed]).reshape(-1, 3),
+        )
+
+    def owns(self, body: Integers) -> NDArray[np.bool_]:
+        """Return which moving obstacle each of some bodies is part of; arrays, shape (n,) -> (n, n_moving)."""
+        part = np.zeros((len(body), len(self.obstacle)), dtype=bool)
+        for number, k in zip(self.body, self.of, strict=True):
+            part[:, k] |= body == number
+        return part
+
+    def placements(self, time: Array) -> tuple[Array, Array]:
+        """Compute where the bodies are at some instants, array of shape (n_steps,) [s].
+
+        Returns
+        -------
+        arrays, shape (n_steps, n_bodies, 3, 3) and (n_steps, n_bodies, 3) [m]
+        """
+        own = self.obstacle[self.of]
+        turns = rotations(self.scene.turns(time)[:, own]) @ self.turn
+        return turns, self.place + self.scene.offsets(time)[:, own]
+
+    @cached_property
+    def speed(self) -> Ranges:
+        """Return upper bounds of the speed of a point of each moving obstacle [m/s].
+
+        Between kinks the speed of what does not turn is constant.
+        """
+        scene, own = self.scene, self.obstacle
+        knots = np.unique([0.0, *scene.obstacle_kinks, scene.duration])
+        speeds = np.linalg.norm(scene.obstacle_velocities(knots[:-1])[:, own], axis=2)
+        return Ranges(knots, np.where(scene.turning[own], scene.obstacle_speeds[own], speeds))

@@ -41,7 +41,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.arrays import Array, Integers
+from comove.arrays import Array, Integers, first_least
 from comove.errors import OptionError
 from comove.geometry.rotations import cross
 from comove.robots.model import Robot
@@ -49,7 +49,6 @@ from comove.robots.motion import Ranges, fastest
 from comove.robots.verification.bodies import Bodies, depth_of
 from comove.robots.verification.carried import LoadMotion, placements
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
-from comove.ties import first_least
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
+import coal
 import numpy as np
 from scipy.interpolate import PPoly
 
-from comove.arrays import Array
+from comove.arrays import Array, first_largest
 from comove.errors import RobotError
 from comove.model.resting import TOLERANCE
 from comove.model.scene import Scene
@@ -26,13 +28,16 @@ from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, bodies_
 from comove.robots.verification.carried import Carried, Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.kinematics import Bases, joint_axes, moved_by
-from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
 
 SAMPLE_ERROR = 1e-6  # m and rad, of a hand at samples
 HAND_ERROR = 1e-5  # m and rad, of a hand at every instant
 ROUNDING = 1e-9  # s, rad/s, and share of a limit, as a motion may be as fast as its limits
 LARGEST = 1e6  # s, rad, m
+GRIPPER_NEAR = 0.05  # m, from the grasp frame, within which a gripper has a body
+GRIPPER_BEYOND = 0.01  # m, along the approach, by which a hand in one piece reaches beyond the grasp frame
+FLANGE = 0.02  # m, from the grasp frame, within which an arm's own last link holds the payload
+POINT = 1e-6  # m, radius of a ball that stands for a point
 
 
 class JointFinding(NamedTuple):
@@ -307,3 +312,53 @@ def _contact(pair: str, how: str, required: float, time: float, kind: int) -> st
         SELF: "find another motion, or, where they cannot touch, leave the pair out in the robot's SRDF",
     }
     return f"{pair} {how} at {time:.2f} s ({required:g} m is to be kept); {way_out[kind]}"
+
+
+@lru_cache(maxsize=8)
+def without_gripper(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the arms whose models have no gripper where they hold the payload.
+
+    An arm has one if a body that moves with its hand is within `GRIPPER_NEAR` of its grasp frame, and belongs to
+    a finger or to the gripper of the description, reaches beyond the grasp frame along the approach, or is not that
+    of the arm's last link, which ends before. So a bare flange is none, nor is a grasp frame in the air.
+    """
+    return tuple(arm.name for arm in robot.arms if not _has_gripper(robot, arm))
+
+
+def _has_gripper(robot: Robot, arm: Arm) -> bool:
+    joint, grasp = robot.grasp_frame(arm)
+    names = {name: link for link, (name, *_) in robot.joints_above.items()}
+    last = names[robot.model.names[joint]]
+    given, ends_at, rigid = robot.gripper_links(arm), np.inf, False
+    for item in robot.collision.geometryObjects:
+        if item.parentJoint != joint:
+            continue
+        link, place = robot.model.frames[item.parentFrame].name, grasp.actInv(item.placement)
+        away = _distance(item.geometry, place, coal.Sphere(POINT))
+        if link == last:
+            ends_at = min(ends_at, away)
+        if away > GRIPPER_NEAR:
+            continue
+        if link in given or _is_finger(robot, link, last):
+            return True
+        beyond = coal.Halfspace(np.array([0.0, 0.0, -1.0]), -GRIPPER_BEYOND)
+        if _distance(item.geometry, place, beyond) < 0.0:
+            return True
+        rigid = rigid or link != last
+    return rigid and ends_at > FLANGE
+
+
+def _is_finger(robot: Robot, link: str, last: str) -> bool:
+    """Return whether a joint that could move is between a link and the last one of its arm."""
+    while link != last:
+        _, link, moves = robot.joints_above[link]
+        if moves:
+            return True
+    return False
+
+
+def _distance(shape: Any, place: Any, other: Any) -> float:
+    result = coal.DistanceResult()
+    placed = coal.Transform3s(place.rotation, place.translation)
+    coal.distance(shape, placed, other, coal.Transform3s(), coal.DistanceRequest(), result)
+    return float(result.min_distance)

@@ -29,12 +29,12 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.robots.description import Uncertainty
 from comove.robots.effort import carried_masses
-from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried, holding_errors
+from comove.robots.verification.checks import without_gripper
 from comove.robots.verification.kinematics import Bases
 from comove.verification.verify import Sealed, VerifiedMotion, verify
 

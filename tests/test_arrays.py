@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.ties import first_largest, first_least
+from comove.arrays import first_largest, first_least
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-16, -1e-16, 1e-13])
