@@ -14,8 +14,7 @@ from comove.model import Scene
 from comove.robots import verify_joints
 from comove.robots.motion import Ranges
 from comove.robots.urdf import package_folders
-from comove.robots.verification import moving
-from comove.robots.verification.bodies import SCENE
+from comove.robots.verification.bodies import SCENE, MovingObstacles
 from tests.cases import examples
 from tests.robots.known_carry import DURATION, baxter, known_carry, on_scene, scene_data
 from tests.robots.verification.test_verify_clearance import certified
@@ -149,7 +148,7 @@ def test_a_sphere_that_crosses_is_seen_only_where_something_is_in_its_way():
 def test_the_bound_rests_on_the_speed_of_obstacles(monkeypatch):
     """Without it the sphere passes between the instants that are looked at."""
     monkeypatch.setattr(
-        moving.MovingObstacles,
+        MovingObstacles,
         "speed",
         property(lambda own: Ranges(np.array([0.0, DURATION]), np.zeros((1, 1)))),
     )
