@@ -535,7 +535,7 @@ WRONG = [
         ("grasps:", "grasps: auto\nconstraints:"),
         "grasps (line 12)",
         "does not say which arms",
-        "write {left: auto, right: auto}, or name a robot",
+        "write {left: auto, right: auto}, or, where the scene names a robot, auto alone",
     ),
     (
         ("rpy_deg: [0, 35, 90]", "rpy_deg: [35, 90]"),

@@ -245,7 +245,7 @@ def _by_arm(value: Any) -> Any:
     if isinstance(value, str):
         raise Wrong(
             f"{show(value)} does not say which arms hold the payload",
-            "write {left: auto, right: auto}, or name a robot",
+            "write {left: auto, right: auto}, or, where the scene names a robot, auto alone",
         )
     return value
 
