@@ -208,6 +208,13 @@ def test_obstacles_that_stand_have_no_motion():
     assert moving.displacements_along(11).offsets.shape == (11, 2, 3)
 
 
+def test_scene_files_that_turn_are_compared_after_their_motions_were_asked():
+    one, same = scene(MOTIONS["turn"]), scene(MOTIONS["turn"])
+    for turning in (one, same):
+        turning.displacements_along(3)
+    assert one.file == same.file != scene(MOTIONS["velocity"]).file
+
+
 def test_scenes_without_motion_keep_their_checksum():
     assert scene().sha256 == scene(None).sha256 != scene(MOTIONS["velocity"]).sha256
     assert b"motion" not in scene().file.model_dump_json().encode()

@@ -7,7 +7,6 @@ resting one.
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, NamedTuple, Protocol
 
@@ -121,13 +120,13 @@ class Turn(Sparse):
     axis: Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_direction)] | None = None
     hinge: Vector | None = None
 
-    @cached_property
+    @property
     def spin(self) -> Array:
         """Return the angular velocity; array, shape (3,) [rad/s]."""
         axis = np.array(self.axis or (0.0, 0.0, 1.0))
         return np.deg2rad(self.rate_deg_per_s) * axis / np.linalg.norm(axis)
 
-    @cached_property
+    @property
     def arm(self) -> Array:
         """Return the centre relative to the hinge, at 0 s; array, shape (3,) [m]."""
         arm = np.zeros(3)
