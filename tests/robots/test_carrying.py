@@ -400,7 +400,7 @@ def test_ends_of_the_examples_are_reached_without_contact_by_some_grasp(path):
         except SceneError:
             continue
         joints = [(np.concatenate([branches[0] for branches in found]), end) for found, end in ends]
-        clear += all(choice.ends.clearance(q, scene.nodes_at(end)) > 0.0 for q, end in joints)
+        clear += all(choice.ends.at(end).clearance(q, scene.nodes_at(end)) > 0.0 for q, end in joints)
     assert clear > 0
 
 
