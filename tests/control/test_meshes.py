@@ -95,6 +95,17 @@ def test_a_sighting_has_a_row_for_each_polytope(scene):
     assert Sighting.still(scene).table is scene.obstacles
 
 
+def test_triangles_are_predicted_from_where_they_are_seen(scene):
+    """Distances are those of the triangles, which the table of polytopes does not tell."""
+    nodes = scene.nodes_at("start") + [0.6, 0.1, 0.0]
+    for observer in (Known(scene), Functions.of_motions(scene)):
+        ahead = going_on(scene, observer.observe(1.0), observer.bends(1.0), 1.0)
+        for time in (1.0, 2.5):
+            assert ahead.clearance_at(nodes, time)[0] == pytest.approx(
+                scene.clearance_at(nodes, time)[0], abs=1e-6
+            )
+
+
 def test_functions_are_by_obstacle(scene):
     with pytest.raises(OptionError, match="3 functions for 2 obstacles"):
         Functions(scene, [None, None, None])

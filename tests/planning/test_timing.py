@@ -56,6 +56,9 @@ def test_tables_are_those_of_the_scene_and_no_point_is_faster_than_told(seed, sh
     np.testing.assert_allclose(
         table[:, ROTATION : ROTATION + 9], exact[:, ROTATION : ROTATION + 9], atol=1e-9
     )
+    place_obstacles(scene.obstacles, moved, 1.0, later)  # a table that was used for another time
+    place_obstacles(scene.obstacles, moved, 0.0, later)
+    np.testing.assert_array_equal(later, scene.obstacles)
     place_obstacles(scene.obstacles, moved, share + step, later)
     shift = np.linalg.norm(later[:, CENTER:ROTATION] - table[:, CENTER:ROTATION], axis=1)
     turn = np.linalg.norm(later[:, ROTATION : ROTATION + 9] - table[:, ROTATION : ROTATION + 9], axis=1)

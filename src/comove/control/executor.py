@@ -162,8 +162,8 @@ class Executor(ControlLoop):
         nodes = nodes_of(self.scene, goal)
         seen = self.observer.observe(self.time)
         still = np.zeros_like(seen.velocity)
-        there = going_on(self.scene, seen._replace(velocity=still, spin=still), still, self.time)
-        clearance, nearest = there.clearance_at(nodes)
+        there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
+        clearance, nearest = there.clearance_at(nodes, self.time)
         if clearance < self.scene.clearance:
             return f"{nearest} is where the load has to go"
         most = max(self.log.blocking, key=self.log.blocking.__getitem__, default=NOTHING)

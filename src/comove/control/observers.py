@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from comove.arrays import Array
 from comove.control.safety.cbf_qp import Sighting
 from comove.errors import OptionError
+from comove.geometry.distances import CENTER
 from comove.model.moving import ObstacleMotion
 from comove.model.scene import Scene
 
@@ -171,7 +172,7 @@ class Turning:
     """A motion that has constant speed and turns at a constant rate, also before `since`; straight without a turn.
 
     It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
-    requires of a `comove.model.moving.Motion`; offsets and turns are relative to the pose at `since`.
+    requires of a `comove.model.moving.Motion`.
 
     Attributes
     ----------
@@ -179,12 +180,16 @@ class Turning:
     bend : array, shape (3,), angular velocity of its direction, perpendicular to the velocity [rad/s]
     since : reference time [s]
     spin : array, shape (3,), angular velocity of the body [rad/s]
+    offset, turn : arrays, shape (3,), displacement of the centre and rotation vector at `since` [m, rad]; `turn` is a
+        multiple of `spin`
     """
 
     velocity: Array
     bend: Array
     since: float
     spin: Array = field(default_factory=lambda: np.zeros(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    turn: Array = field(default_factory=lambda: np.zeros(3))
     kinks: ClassVar[tuple[float, ...]] = ()
 
     @property
@@ -194,13 +199,14 @@ class Turning:
 
     def turns(self, time: ArrayLike) -> Array:
         """Return the rotation vectors of the body; array, shape (n_times, 3) [rad]."""
-        return (np.asarray(time, dtype=float)[:, None] - self.since) * self.spin
+        return self.turn + (np.asarray(time, dtype=float)[:, None] - self.since) * self.spin
 
     def offsets(self, time: ArrayLike) -> Array:
         """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
         time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.bend)
         along, across = np.sinc(rate * time / np.pi), np.sinc(0.5 * rate * time / np.pi) ** 2
-        return time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.bend, self.velocity)
+        gone = time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.bend, self.velocity)
+        return self.offset + gone
 
     def velocities(self, time: ArrayLike) -> Array:
         """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
@@ -225,14 +231,22 @@ def going_on(scene: Scene, seen: Sighting, bends: Array, time: float) -> Scene:
     ----------
     bends : array, shape (n_rows, 3), angular velocities of the velocities' directions [rad/s]
     """
-    n_more = len(seen.table) - len(scene.owners)
-    owners = np.append(scene.owners, len(scene.motions) + np.arange(n_more))
+    n_rows, n_own = len(scene.owners), len(scene.motions)
+    owners = np.append(scene.owners, n_own + np.arange(len(seen.table) - n_rows))
     first = np.unique(owners, return_index=True)[1]
+    meshes, table = np.isin(owners, scene.surfaces.owner), seen.table.copy()
+    table[meshes] = scene.obstacles[meshes[:n_rows]]  # their triangles are where the file has them
+    offset = seen.table[first, CENTER : CENTER + 3] - table[first, CENTER : CENTER + 3]
+    turn = np.zeros_like(offset)
+    turn[:n_own] = np.where(meshes[first[:n_own], None], scene.turns(np.array([time]))[0], 0.0)
     moves = (np.linalg.norm(seen.velocity, axis=1) > STILL) | seen.spin.any(axis=1)
+    velocity = np.where(moves[:, None], seen.velocity, 0.0)
+    displaced = moves[first] | offset.any(axis=1) | turn.any(axis=1)
     motions = tuple(
-        Turning(seen.velocity[i], bends[i], time, seen.spin[i]) if moves[i] else None for i in first
+        Turning(velocity[i], bends[i], time, seen.spin[i], offset[k], turn[k]) if displaced[k] else None
+        for k, i in enumerate(first)
     )
-    return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
+    return replace(scene, obstacles=table, owners=owners, motions=motions)
 
 
 def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> Array:

@@ -751,6 +751,10 @@ class Scene:
         found = self.file.obstacles[obstacle]
         return f"{found.name or f'obstacles[{obstacle}]'} ({found.shape})"
 
+    def time_at(self, end: str) -> float:
+        """Return the instant of the "start" or the "goal" [s]."""
+        return 0.0 if end == "start" else self.duration
+
     def nodes_at(self, end: str) -> Array:
         """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
         nodes = np.zeros((self.body.n_nodes, 3))

@@ -66,10 +66,14 @@ class Kinematics:
         rng: np.random.Generator,
         *,
         max_nodes: int,
-        **how: Any,
+        share: float = 1.0,
+        **free: Any,
     ) -> tuple[Array, Array] | None:
-        """Plan a path among moving obstacles, as `comove.planning.spacetime.plan_in_time`."""
-        return plan_in_time(world, start, goal, speed, margin, rng, max_nodes=max_nodes, **how)
+        """Plan a path among moving obstacles, as `comove.planning.spacetime.plan_in_time`.
+
+        `share` is that of their speed limits that joints may use, `free` are settings for free end effectors.
+        """
+        return plan_in_time(world, start, goal, speed, margin, rng, max_nodes=max_nodes, **free)
 
     def on(self, scene: Scene) -> Kinematics:
         """Return the same on a scene that differs only in its duration and limits."""

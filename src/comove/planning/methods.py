@@ -582,22 +582,23 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
     limit = min(scene.speed_limit * scene.duration, unlimited)
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
-        speed = limit * settings.shares[failures % len(settings.shares)]
+        share = settings.shares[failures % len(settings.shares)]
         margin = settings.margins[failures % len(settings.margins)]
         search.clock.wind()
         found = search.kinematics.plan_in_time(
             world,
             *lifts,
-            speed,
+            share * limit,
             margin,
             search.rng,
             max_nodes=max_nodes,
+            share=share,
             before=method.before,
             n_shortcuts=settings.n_shortcuts,
         )
         if found is None:
             return None
-        found = _between_supports(space, *found, (start, *lifts, goal), speed)
+        found = _between_supports(space, *found, (start, *lifts, goal), share * limit)
         return targets_in_time(space, *found, N_STEPS, settings.smoothings) + coasting, found[0][-1]
 
     return targets

@@ -65,8 +65,8 @@ def place_obstacles(resting, moved, share, table):
         for axis in range(3):
             here, there = moved.offsets[k, j, axis], moved.offsets[after, j, axis]
             table[j, CENTER + axis] = resting[j, CENTER + axis] + here + f * (there - here)
-        angle = moved.angles[k, j] + f * (moved.angles[after, j] - moved.angles[k, j])
-        if angle != 0.0:
+        if moved.angles[0, j] != 0.0 or moved.angles[last, j] != 0.0:  # it turns, at a constant rate
+            angle = moved.angles[k, j] + f * (moved.angles[after, j] - moved.angles[k, j])
             _rotate(moved.axes[j], angle, resting[j, ROTATION : ROTATION + 9], turned)
             for c in range(9):
                 table[j, ROTATION + c] = turned[c]

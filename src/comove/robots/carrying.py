@@ -49,8 +49,6 @@ from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 
-SLOWEST = 0.3  # share of their limits of speed that joints may use in plans in time, at least
-
 
 @dataclass(frozen=True)
 class CarrierSettings:
@@ -60,7 +58,7 @@ class CarrierSettings:
     ----------
     spare : clearance of links beyond the required one that is kept at first, and grows with caution [m]
     share : share of the limits of rates and torques that is used at first, and shrinks with caution
-    n_samples : samples of a movement that arms are asked about
+    n_samples : samples of a movement that arms are asked about; a few more where obstacles move
     coarser : samples of which one is looked at to tell branches apart
     ease : cost of jolts: of joints that all use their whole acceleration all the time
     slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
@@ -188,10 +186,8 @@ class RobotCarrier(LimitedKinematics):
     def on(self, scene: Scene) -> RobotCarrier:
         """Return a copy on a scene that differs only in its duration and limits."""
         other = self._changed(scene=scene)
-        if (
-            scene.moving.any() and scene.duration != self.scene.duration
-        ):  # then they are elsewhere at the goal
-            for name in ("starts", "goals", "_pairs", "_led"):
+        if scene.moving.any() and scene.duration != self.scene.duration:
+            for name in ("goals", "_pairs", "_led"):  # obstacles are elsewhere at the goal
                 vars(other).pop(name, None)
         return other
 
@@ -260,11 +256,11 @@ class RobotCarrier(LimitedKinematics):
         rng: np.random.Generator,
         *,
         max_nodes: int,
-        **how: Any,
+        share: float = 1.0,
+        **free: Any,
     ) -> tuple[Array, Array] | None:
-        """Plan a path among moving obstacles that the arms can follow in time, as `spacetime.plan_in_time`."""
-        share = min(1.0, speed / (self.scene.speed_limit * self.scene.duration))
-        world = world.paced(speed, max(share, SLOWEST))
+        """Plan a path among moving obstacles that the arms can follow in time, as `Kinematics.plan_in_time`."""
+        world = world.paced(speed, share)
         found = self._planned(world, start, goal, margin, rng, world.space.required, max_nodes)
         return None if found is None else (found[0], found[2][:, 0].copy())
 
@@ -400,9 +396,10 @@ class RobotCarrier(LimitedKinematics):
         -------
         penalty, possible : arrays, shape (n_rollouts,)
         """
-        steps = np.linspace(0, nodes.shape[1] - 1, self.settings.n_samples).round().astype(int)
+        n = self.settings.n_samples
         if self.scene.moving.any():  # even times tell where obstacles are
-            steps = np.arange(0, nodes.shape[1], 2)
+            n = 1 + next(k for k in range(n - 1, nodes.shape[1]) if (nodes.shape[1] - 1) % k == 0)
+        steps = np.linspace(0, nodes.shape[1] - 1, n).round().astype(int)
         nodes = np.ascontiguousarray(nodes[:, steps])
         strain, around = self.strain(nodes, self.best_course(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
@@ -517,7 +514,7 @@ class RobotCarrier(LimitedKinematics):
         """Return the time of an end, in words, where it matters."""
         if not self.scene.moving.any():
             return ""
-        return f" at {0.0 if end == 'start' else self.scene.duration:g} s"
+        return f" at {self.scene.time_at(end):g} s"
 
     def require_room_for_obstacles(self) -> None:
         """Refuse obstacles that move into what cannot give way: links at rest, and the ends of the carry.

@@ -57,12 +57,10 @@ class Reach:
     Attributes
     ----------
     robot, scene : the robot, and a scene that leaves open how the payload is held
-    settings : settings of the ranking
     """
 
     robot: Robot
     scene: Scene
-    settings: ReachSettings = SETTINGS
 
     def ranked(self) -> list[tuple[GraspOption, float]]:
         """Return the choices that all arms reach with the turns of their goals, the best first."""
@@ -71,7 +69,7 @@ class Reach:
             turns = [0.0]
             if choice.free is not None and np.isfinite(self._away(choice, choice.goal, False)):
                 goal = FreeGoal(self.scene, choice)
-                turns = [0.0, *goal.turns(partial(self.value, choice), self.settings.turns)]
+                turns = [0.0, *goal.turns(partial(self.value, choice), SETTINGS.turns)]
             values = ((self.value(choice, turn), turn) for turn in dict.fromkeys(turns))
             found += [(round(value, 6), k, choice, turn) for value, turn in values if np.isfinite(value)]
         return [(choice, turn) for *_, choice, turn in sorted(found, key=lambda one: one[:2])]
@@ -140,21 +138,19 @@ class Reach:
         if not may_reach(ranges, i, rotation, point):
             away = np.linalg.norm(point - self.robot.tool_pose(self.robot.home, self._holders[i])[:3, 3])
             return *nothing, 1.0 + float(away)
-        joints, missing = solved_for(
-            self.robot, self._holders, i, rotation, point, posture, self.settings.n_seeds
-        )
+        joints, missing = solved_for(self.robot, self._holders, i, rotation, point, posture, SETTINGS.n_seeds)
         met = missing <= MET
         if not met.any():
             return *nothing, float(missing.min())
         joints = joints[met]
         joints[:, part] = turned_towards(chains, posture[part], joints[:, part], part)
         away = np.abs(joints[:, part] - posture[part]).max(axis=1)
-        joints = joints[np.argsort(away.round(6), kind="stable")[: self.settings.n_kept]]
+        joints = joints[np.argsort(away.round(6), kind="stable")[: SETTINGS.n_kept]]
         rotations, points, slopes = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
         cost = np.empty(len(joints))
         for k, q in enumerate(joints):
             place_arm(chains, i, q, rotations, points)
             jacobian(chains, i, rotations, points, slopes)
-            slopes[3:] *= self.settings.lever
-            cost[k] = self.settings.singular / max(np.linalg.svd(slopes, compute_uv=False)[-1], 1e-6)
+            slopes[3:] *= SETTINGS.lever
+            cost[k] = SETTINGS.singular / max(np.linalg.svd(slopes, compute_uv=False)[-1], 1e-6)
         return joints[:, part], cost, 0.0

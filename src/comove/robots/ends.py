@@ -185,8 +185,8 @@ class EndJoints:
         """Return the same among obstacles that stand where they are at an end."""
         if not self.scene.moving.any():
             return self
-        time = 0.0 if end == "start" else self.scene.duration
-        return replace(self, time=time, arms=self.arms.among(self.scene.obstacles_at(time).copy()))
+        time = self.scene.time_at(end)
+        return replace(self, time=time, arms=self.arms.among(self.scene.obstacles_at(time)))
 
     def _led(self, starts: tuple[Array, ...], n_steps: int = 41) -> list[Array]:
         """Return the joints in which the straight motion from joints at the start ends, by arm.
@@ -293,8 +293,7 @@ class EndJoints:
         robot, nodes, q, first = self.robot, self.scene.nodes_at(end), self.robot.home, ""
         bases, carried = Bases(robot, robot.description.uncertainty), Carried.straight(self.scene)
         bodies = bodies_of(bases, self.holders, carried, nodes[None, : len(self.holders)], 0.0)
-        time = 0.0 if end == "start" else self.scene.duration
-        room = Room(bodies.placed_at(nodes, time), robot.arms, np.zeros(len(bodies.kind)))
+        room = Room(bodies.placed_at(nodes, self.scene.time_at(end)), robot.arms, np.zeros(len(bodies.kind)))
         for joints in product(*branches):
             q[self.columns] = np.concatenate(joints)
             if not (near := room.contact(q)):

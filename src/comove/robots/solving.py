@@ -19,7 +19,7 @@ from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
-from comove.planning.objectives import objective_of_scene
+from comove.planning.objectives import Criterion, objective_of_scene
 from comove.planning.pace import (
     NONE,
     alone,
@@ -33,6 +33,7 @@ from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
+from comove.robots.choosing import SETTINGS as RANKING
 from comove.robots.choosing import Reach
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
@@ -177,7 +178,7 @@ def _carried(
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
-        if scene.is_timed:
+        if _keeps_duration(scene, wanted["objective"]):
             carrier.require_room_for_obstacles()
         if not scene.moving.any() and not carrier.is_clear_at_ends:  # by capsules, which are wider than links
             carrier.require_clear_ends()
@@ -236,13 +237,13 @@ def _in_time(
 ) -> Procedure:
     """Carry on a scene with one grasp, in its duration or as fast as possible; the carrier's scene is at leisure."""
     timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
-    whole, objective = budget.size, wanted["objective"]
+    whole = budget.size
     if scene.moving.any():
         return (yield from _among_moving(scene, carrier, method or robot_method(), budget, wanted))
     if method is not None:
         own = carrier.on(scene) if scene.is_timed else carrier
         return (yield from _searched(scene, own, method, budget, wanted))
-    if not scene.is_timed or (objective is not None and objective.is_time):
+    if not _keeps_duration(scene, wanted["objective"]):
         return (yield from _searched(scene.timed(None), carrier, robot_method(), budget, wanted))
     timed = least_possible(scene) <= scene.duration
     if timed:
@@ -273,8 +274,7 @@ def _among_moving(
     scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
 ) -> Procedure:
     """Carry among obstacles that move: in the duration that is given, or the shortest found; nothing is stretched."""
-    objective = wanted["objective"]
-    kept = scene.is_timed and not (objective is not None and objective.is_time)
+    kept = _keeps_duration(scene, wanted["objective"])
     if kept and (least := least_possible(scene)) > scene.duration:
         raise SceneError(
             f"it is {scene.duration:g} s, and no motion within the limits takes less than {rounded_up(least, 3):g} s",
@@ -287,6 +287,11 @@ def _among_moving(
         return solution
     told = "obstacles move, so the motion is not slowed down: leave duration out to have it looked for"
     return replace(solution, reasons=(*solution.reasons, told))
+
+
+def _keeps_duration(scene: Scene, objective: Criterion | None) -> bool:
+    """Return whether a motion has to take the scene's duration."""
+    return scene.is_timed and not (objective is not None and objective.is_time)
 
 
 def _first_duration(scene: Scene) -> float:
@@ -309,7 +314,8 @@ def _by_some_grasp(
     """
     begun, work = now(), 0.0
     with compiling() as compiled:
-        ways = _clear_ways(scene, robot, carriers)
+        kept = _keeps_duration(scene, wanted.get("objective") or objective_of_scene(scene.file.objective))
+        ways = _clear_ways(scene, robot, carriers, kept)
         choice: Scene | None = next(ways)
     begun += compiled.seconds
     best: Solution | None = None
@@ -329,11 +335,15 @@ def _by_some_grasp(
     return best
 
 
-def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterator[Scene]:
+def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool) -> Iterator[Scene]:
     """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
 
     Where a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how
     far joints turn.
+
+    Parameters
+    ----------
+    kept : whether the duration is given; where it is open, nobody knows yet where moving obstacles are at the goal
 
     Raises
     ------
@@ -342,10 +352,11 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
     """
     reach, n_found, first = Reach(robot, scene), 0, None
     choices = scene.file.choices or ()
-    if len(choices) > reach.settings.exact or any(choice.free is not None for choice in choices):
-        ways = iter(partial(scene.put_down, *way) for way in reach.ranked())
+    ways: Iterator[Callable[[], Scene]]
+    if len(choices) > RANKING.exact or any(choice.free is not None for choice in choices):
+        ways = (partial(scene.put_down, *way) for way in reach.ranked())
     else:
-        ways = iter(partial(replace, alternative) for alternative in scene.alternatives)
+        ways = (partial(scene.alternatives.__getitem__, k) for k in range(len(scene.alternatives)))
     while True:
         clear = list[tuple[float, Scene]]()
         for way in ways:
@@ -354,11 +365,12 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
                 first_try = _first_duration(choice) if choice.moving.any() else 1.0
                 carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
                 carrier.require_reach()
-                carrier.require_clear_ends()
+                if kept or not choice.moving.any():
+                    carrier.require_clear_ends()
                 clear.append((round(carrier.turning, 6), choice))
             except (SceneError, RobotError) as error:
                 first = first or error
-            if choices and len(clear) == reach.settings.exact:
+            if choices and len(clear) == RANKING.exact:
                 break
         if not clear:
             break
