@@ -60,7 +60,7 @@ def simulate(
         data = at_start(world, motion, payload, perturbation)
         if load is not None:
             grasp.close(world, data)
-        move_obstacles(world, data, scene, 0.0, scene.centers)
+        move_obstacles(world, data, scene, 0.0)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
         log = _run(world, data, scene, motion, payload, perturbation, settings)
     return Execution(

@@ -369,7 +369,7 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
     obstacles = []
     for i in range(len(scene.file.obstacles)):
         names.append(scene.name_of(i))
-        obstacles.append(geometry.addGeometryObject(obstacle_object(scene, i, names[-1])))
+        obstacles.append(geometry.addGeometryObject(obstacle_object(scene, i, names[-1], -scene.begins)))
     hands = _hand_joints(robot, scene, load)
     parts = []
     for i, part in enumerate(load.parts if load is not None else ()):

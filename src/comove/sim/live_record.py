@@ -272,12 +272,12 @@ def _clearances(
     links, beyond = range(first), range(first + len(record.scene.motions), geometry.ngeoms)
     kinds = np.array([0 if a in links and b not in beyond else 2 if b in links else 1 for a, b in pairs])
     least, which, least_own = np.full(3, np.inf), np.full(3, -1), np.inf
+    turned = rotations(record.scene.turns(np.asarray(record.time)))
     for q, poses in zip(joints, _loads(record, load, joints), strict=True):
         for step in range(0, len(q), stride):
             pin.updateGeometryPlacements(robot.model, data, geometry, placed, q[step])
-            turned = rotations(record.scene.turns(np.array([record.time[step]]))[0])
             for i, center in enumerate(record.obstacles[step]):
-                placed.oMg[first + i] = pin.SE3(turned[i] @ placed.oMg[first + i].rotation, center)
+                placed.oMg[first + i] = pin.SE3(turned[step, i] @ placed.oMg[first + i].rotation, center)
             for item, part in zip(parts, () if load is None else load.parts, strict=True):
                 placed.oMg[item] = pin.SE3(poses[step]) * part.placement
             distance = np.array(

@@ -148,10 +148,13 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
     return geoms
 
 
-def move_obstacles(world: SimulatedWorld, data: Any, scene: Scene, time: float, centers: Array) -> None:
-    """Put the obstacles that move at centres, array of shape (n_obstacles, 3) [m], turned as at an instant [s]."""
-    mocap, _, turned = moving_poses(world.model, scene, np.array([time]))
-    data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[scene.moving], turned[0]
+def move_obstacles(
+    world: SimulatedWorld, data: Any, scene: Scene, time: float, centers: Array | None = None
+) -> None:
+    """Put the obstacles that move where they are at an instant [s], or at centres, (n_obstacles, 3) [m]."""
+    mocap, places, turned = moving_poses(world.model, scene, np.array([time]))
+    data.mocap_pos[mocap] = places[0] if centers is None else centers[scene.moving]
+    data.mocap_quat[mocap] = turned[0]
 
 
 def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Integers, Array, Array]:

@@ -1,4 +1,4 @@
-"""Courses through a roadmap among things that move: which way, and when, as far ahead as one dares to foresee.
+"""Courses through a roadmap among things that move: which way, and when, over a prediction horizon.
 
 Time goes by in slots. Moving obstacles are predicted to go on, and turn on, as they do now. For every sample of the
 roadmap and every slot it is computed what comes how near (`dangers`); then the least cost of a course from every node

@@ -234,7 +234,7 @@ def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[
     every, moved, pairs = range(geometry.ngeoms), np.flatnonzero(_joints(geometry)).tolist(), []
     for i, moves in enumerate(scene.moving):
         names.append(scene.name_of(i))
-        number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1]))
+        number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1], -scene.begins))
         pairs += [(link, number, SCENE) for link in (every if moves else moved)]
     return pairs
 
@@ -256,7 +256,7 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
         for i in np.flatnonzero(~scene.moving).tolist():
             obstacle = geometry.geometryObjects[robot.collision.ngeoms + i]
             pair = [item.geometry, obstacle.geometry], [item.placement, obstacle.placement]
-            if _distance(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
+            if distance_of(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
                 told.append(
                     f"{robot.model.frames[item.parentFrame].name} is {depth:.2g} m deep in {names[i]}"
                 )
@@ -302,6 +302,8 @@ def _with_hulls(
 
 def obstacle_object(scene: Scene, i: int, name: str, time: float = 0.0) -> Any:
     """Return obstacle i of a scene, as it is at an instant [s], as a pinocchio.GeometryObject.
+
+    At ``-scene.begins`` it is as in the file.
 
     A mesh is one of triangles.
     """
@@ -414,10 +416,10 @@ def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]
             except RuntimeError:
                 return 0.0, False
             hulls[k], is_bound = shape.convex, is_bound or not _is_convex(shape)
-    return max(0.0, -_distance(hulls, places)), is_bound
+    return max(0.0, -distance_of(hulls, places)), is_bound
 
 
-def _distance(shapes: Sequence[Any], places: Sequence[Any]) -> float:
+def distance_of(shapes: Sequence[Any], places: Sequence[Any]) -> float:
     """Compute the distance of two bodies [m], negative where they meet; arguments as in `depth_of`."""
     placed = [coal.Transform3s(place.rotation, place.translation) for place in places]
     result = coal.DistanceResult()
@@ -546,5 +548,6 @@ class MovingObstacles:
         """
         scene, own = self.scene, self.obstacle
         knots = np.unique([0.0, *scene.obstacle_kinks, scene.duration])
-        speeds = np.linalg.norm(scene.obstacle_velocities(knots[:-1])[:, own], axis=2)
+        middle = 0.5 * (knots[1:] + knots[:-1])  # rounding must not take the velocity before a kink
+        speeds = np.linalg.norm(scene.obstacle_velocities(middle)[:, own], axis=2)
         return Ranges(knots, np.where(scene.turning[own], scene.obstacle_speeds[own], speeds))

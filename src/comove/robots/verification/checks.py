@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import coal
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import PPoly
 
 from comove.arrays import Array, first_largest
@@ -24,7 +25,7 @@ from comove.robots.motion import (
     largest_velocity,
     least_margin,
 )
-from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, bodies_of, links_inside
+from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, bodies_of, distance_of, links_inside
 from comove.robots.verification.carried import Carried, Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.kinematics import Bases, joint_axes, moved_by
@@ -329,12 +330,12 @@ def _has_gripper(robot: Robot, arm: Arm) -> bool:
     joint, grasp = robot.grasp_frame(arm)
     names = {name: link for link, (name, *_) in robot.joints_above.items()}
     last = names[robot.model.names[joint]]
-    given, ends_at, rigid = robot.gripper_links(arm), np.inf, False
+    given, ends_at, rigid, here = robot.gripper_links(arm), np.inf, False, pin.SE3.Identity()
     for item in robot.collision.geometryObjects:
         if item.parentJoint != joint:
             continue
         link, place = robot.model.frames[item.parentFrame].name, grasp.actInv(item.placement)
-        away = _distance(item.geometry, place, coal.Sphere(POINT))
+        away = distance_of((item.geometry, coal.Sphere(POINT)), (place, here))
         if link == last:
             ends_at = min(ends_at, away)
         if away > GRIPPER_NEAR:
@@ -342,7 +343,7 @@ def _has_gripper(robot: Robot, arm: Arm) -> bool:
         if link in given or _is_finger(robot, link, last):
             return True
         beyond = coal.Halfspace(np.array([0.0, 0.0, -1.0]), -GRIPPER_BEYOND)
-        if _distance(item.geometry, place, beyond) < 0.0:
+        if distance_of((item.geometry, beyond), (place, here)) < 0.0:
             return True
         rigid = rigid or link != last
     return rigid and ends_at > FLANGE
@@ -355,10 +356,3 @@ def _is_finger(robot: Robot, link: str, last: str) -> bool:
         if moves:
             return True
     return False
-
-
-def _distance(shape: Any, place: Any, other: Any) -> float:
-    result = coal.DistanceResult()
-    placed = coal.Transform3s(place.rotation, place.translation)
-    coal.distance(shape, placed, other, coal.Transform3s(), coal.DistanceRequest(), result)
-    return float(result.min_distance)
