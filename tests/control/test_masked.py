@@ -7,7 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comove.control.executor import Executor
+from comove.control.safety.cbf_qp import SafetyFilter, Sighting
+from comove.control.safety.twists import advanced, hand_velocities, nodes_of
+from comove.geometry.rotations import matrices
 from comove.model import Scene
+from comove.model.coordinates import HandPoses
 from comove.verification.record import verify_execution
 
 AXIS = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
@@ -49,3 +53,27 @@ def test_an_execution_keeps_what_is_kept(constraint, turn):
     assert np.linalg.norm(np.cross(turned.as_rotvec(), kept), axis=1).max() < 1e-9
     if constraint["type"] == "planar":
         assert np.ptp(record.center[:, 0, 2]) < 1e-9
+
+
+def test_a_body_at_its_tolerance_may_turn_sideways_and_leans_no_further():
+    """To first order nothing leans further as it turns about the direction in which it leans; in a step it does."""
+    tilt = np.deg2rad(10.0)
+    data = deepcopy(SCENE) | {"constraints": [{"type": "upright", "tolerance_deg": 10}]}
+    data["payload"]["goal"] = {"position": [0.7, 0.7, 0.5], "rpy_deg": [0, 6, 90]}
+    scene = Scene.from_dict(data)
+    safety, period = SafetyFilter(scene, period=0.02), 0.02
+    turned = Rotation.from_rotvec([tilt - 1e-9, 0.0, 0.0])
+    center = np.array([[0.4, 0.6, 0.5]])
+    poses = HandPoses(center, turned.as_quat(scalar_first=True)[None])
+    before, leaning = np.zeros((2, 3)), []
+    for _ in range(40):
+        up = matrices(poses.quaternion[0])[:, 2]
+        spin = 2.0 * np.array([up[0], up[1], 0.0]) / np.hypot(up[0], up[1])
+        hands = nodes_of(scene, poses)[:2]
+        wanted = np.cross(spin, hands - poses.center[0])
+        twists = safety.allowed(poses, before, wanted, Sighting.still(scene)).twists
+        before, poses = hand_velocities(scene, poses, twists), advanced(poses, twists, period)
+        up = matrices(poses.quaternion[0])[:, 2]
+        leaning.append(np.arctan2(np.hypot(up[0], up[1]), up[2]))
+    assert np.linalg.norm(twists[:, 3:]) > 0.1
+    assert max(leaning) <= tilt + 1e-12

@@ -34,7 +34,7 @@ from comove.verification.verify import VerifiedMotion
 
 
 class Executor(ControlLoop):
-    """An executor that moves the load of a scene step by step among moving obstacles.
+    """An executor that moves the payload of a scene step by step among moving obstacles.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class Executor(ControlLoop):
 
     @one_blas_thread()
     def run(self, budget: float) -> Record:
-        """Execute until the load has arrived, or for `budget` [s] of simulated time, and return the record.
+        """Execute until the payload has arrived, or for `budget` [s] of simulated time, and return the record.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class Executor(ControlLoop):
 
     @property
     def blocker(self) -> str:
-        """Return what keeps the load from its goal, in words; empty where nothing is known to."""
+        """Return what keeps the payload from its goal, in words; empty where nothing is known to."""
         goal = self.goal
         nodes = nodes_of(self.scene, goal)
         seen = self.observer.observe(self.time)

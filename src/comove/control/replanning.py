@@ -1,10 +1,8 @@
 """Replanning: the reference of an execution, and its replacement where it does not hold any more.
 
 Free end effectors plan in space and time, from the present state on; arms choose courses on a roadmap in time
-(`comove.robots.online.pilot`).
-A plan that is certified for exactly known motions is exact. Otherwise it is a guide: what is left of it is certified
-ten times a second against the obstacles as they are predicted, and a plan that seems not to hold any more is replaced
-by one from the present state on.
+(`comove.robots.online.pilot`). A plan that is certified for exactly known motions is exact. Otherwise it is a guide:
+every `Pace.watch` what is left of it is certified against the predicted obstacles, and a plan that fails is replaced.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Reaction to moving obstacles: the quadratic programme for twists that keeps loads rigid and everything clear."""
+"""Safety filter: the velocities nearest to the desired ones that lead to no collision (CBF-QP)."""

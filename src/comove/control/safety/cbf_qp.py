@@ -35,7 +35,7 @@ import daqp
 import numpy as np
 
 from comove.arrays import Array, Integers, first_largest
-from comove.control.safety.cbf_constraints import RESERVE, first_rows, missing_rows, rate
+from comove.control.safety.cbf_constraints import RESERVE, SPARE, first_rows, missing_rows, rate
 from comove.control.safety.control_points import load_points
 from comove.control.safety.qp_workspace import (
     BORDER,
@@ -52,13 +52,14 @@ from comove.control.safety.twists import group_nodes
 from comove.geometry.rotations import matrices
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
+from comove.planning.convex.quadratic import FREE
 
 NOTHING = -2
 """What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
-ENDLESS = 1e30  # infinite for the solver
 TOLERANCE = 1e-9  # m/s, of rows in the solver
 UPRIGHT = 1e-6  # sine of the angle below which a body does not lean
+ANGLE_ROUNDING = 1e-12  # rad, by which an angle may grow
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
@@ -220,12 +221,12 @@ class SafetyFilter:
             (n_obstacles, self.scene.obstacles.shape[1]),
             self.settings.max_rounds + 1,
             len(self.scene.sampled)
-            + len(self._leaning)
+            + len(self._leaning) * (self.settings.max_rounds + 1)
             + (joints.n_fixed + joints.max_rows(n_obstacles) if joints else 0),
             joints.n_joints if joints else 0,
         )
         n_rows, n = len(self._work.low), self.n_variables
-        self._high, self._sense = np.full(n_rows, ENDLESS), np.zeros(n_rows, dtype=np.int32)
+        self._high, self._sense = np.full(n_rows, FREE), np.zeros(n_rows, dtype=np.int32)
         if joints:
             self._work.quadratic[range(n, n + joints.n_joints), range(n, n + joints.n_joints)] = joints.weight
             self._high[: joints.n_equal], self._sense[: joints.n_equal] = 0.0, EQUAL
@@ -280,6 +281,8 @@ class SafetyFilter:
             z, multipliers, gives_way = self._solved(m, gives_way, before, joints.before, sighting.margin)
             x = np.ascontiguousarray(z[:n])
             n_rows, missed = missing_rows(qp, poses, sighting, x, m, twists)
+            if n_rows == m:
+                n_rows = self._missing_leaning_rows(m, poses, x)
             settled = n_rows == m
             if settled or (gives_way == LIMITS and self._are_granted(m, n_rows, z)):
                 break
@@ -296,21 +299,40 @@ class SafetyFilter:
 
     def _leaning_rows(self, m: int, poses: HandPoses) -> int:
         """Write a row for every body that must not lean too far, and return the number of rows."""
-        work = self._work
         for g, own, tilt in self._leaning:
-            up = matrices(poses.quaternion[g]) @ own
-            about = np.array([-up[1], up[0], 0.0])  # it leans further as it turns about this
-            sine = float(np.linalg.norm(about))
-            if sine < UPRIGHT:
-                continue
-            reach, left = self._freedom.scale[g], tilt - np.arctan2(sine, up[2])
-            turns = self._freedom.basis[g, 3:]
-            work.rows[m] = 0.0
-            work.rows[m, : turns.shape[1]] = -reach / sine * about @ turns
-            work.low[m] = -rate(reach * left - RESERVE, work.gain[g], self._rates)
-            work.owner[m], work.body[m] = HANDS, g
-            m += 1
+            lean, slope = self._lean(g, matrices(poses.quaternion[g]) @ own)
+            left = self._freedom.scale[g] * (tilt - lean) - RESERVE
+            m = self._lean_row(m, g, slope, -rate(left, self._work.gain[g], self._rates))
         return m
+
+    def _missing_leaning_rows(self, m: int, poses: HandPoses, x: Array) -> int:
+        """Write a row for every body that leans too far after the exact step of x; return the number of rows.
+
+        What is admissible is a cone, whose tangent at the orientation after the step such a row is.
+        """
+        for g, own, tilt in self._leaning:
+            then, slope = self._lean(g, self._work.rotation_after[g] @ own)
+            most = max(tilt, self._lean(g, matrices(poses.quaternion[g]) @ own)[0])
+            if then > most + ANGLE_ROUNDING:
+                beyond = self._freedom.scale[g] * (then - most) / self.period
+                m = self._lean_row(m, g, slope, float(slope @ x) + beyond + SPARE)
+        return m
+
+    def _lean(self, g: int, up: Array) -> tuple[float, Array]:
+        """Return the angle of a direction of body g from the vertical [rad], and by how much the variables diminish
+        it, times the lever of the body's rotation; array, shape (n_variables,).
+        """
+        about = np.array([-up[1], up[0], 0.0])  # it leans further as it turns about this
+        sine = float(np.linalg.norm(about))
+        slope = -self._freedom.scale[g] / max(sine, UPRIGHT) * about @ self._freedom.basis[g, 3:]
+        return float(np.arctan2(sine, up[2])), slope
+
+    def _lean_row(self, m: int, g: int, slope: Array, low: float) -> int:
+        work = self._work
+        work.rows[m] = 0.0
+        work.rows[m, : len(slope)], work.low[m] = slope, low
+        work.owner[m], work.body[m] = HANDS, g
+        return m + 1
 
     def _sampled_rows(self, m: int) -> int:
         """Write a row for every constraint that nothing else holds, and return the number of rows.

@@ -160,7 +160,7 @@ def empty_workspace(
 ) -> QPWorkspace:
     """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows.
 
-    `n_more` rows are for constraints that are sampled, and for arms.
+    `n_more` rows are for sampled constraints, for bodies that may lean, and for arms.
     """
     n_obstacles, n_columns = shape
     n_groups, _, n = freedom.basis.shape
