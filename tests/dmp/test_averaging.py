@@ -48,6 +48,10 @@ def test_what_has_no_mean():
     with pytest.raises(DemonstrationError, match="two or more"):
         average(DEMOS[:1])
     other = Demonstration(DEMOS[0].time, np.zeros((1000, 3)) + 0.1 * DEMOS[0].time[:, None])
+    pairs = [{"left": demo, "right": demo} for demo in DEMOS[:2]]
+    with pytest.raises(DemonstrationError, match=r"left, right.*each manipulator by itself"):
+        average(pairs)
+    average([pair["left"] for pair in pairs])
     with pytest.raises(DemonstrationError, match="recording 1 has 3 coordinates, recording 0 has 2"):
         average([DEMOS[0], other])
 

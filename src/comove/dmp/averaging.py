@@ -18,7 +18,7 @@ from comove.dmp.alignment import together
 from comove.dmp.dmp import DMP, Recording
 from comove.dmp.system import Phase
 from comove.dmp.variants import Variant
-from comove.errors import OptionError
+from comove.errors import DemonstrationError, OptionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,11 @@ def average(
         raise OptionError(
             "cycles begin anywhere and have no mean", key="variant", way_out="average movements that end"
         )
-    together(demonstrations)
+    names, _, _ = together(demonstrations)
+    if names:
+        raise DemonstrationError(
+            f"the recordings are of {', '.join(names)}", way_out="average those of each manipulator by itself"
+        )
     members = tuple(
         DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
         for demonstration in demonstrations

@@ -1,4 +1,4 @@
-"""Operations on movements: blend, put in sequence, mirror, rotate, scale, retime and reverse.
+"""Operations on movements: blend, coactivate, put in sequence, mirror, rotate, scale, retime and reverse.
 
 All are pure functions and exact up to rounding, unless they say otherwise. Rollouts to mirrored, rotated and scaled
 goals equal the mirrored, rotated and scaled rollouts of the original movement. Only the classic variant, which scales
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 AXES = "xyz"
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 N_FIT = N_INTERVALS + 1  # instants at which a movement is compared with its refit: the knots
+
+PRECISION_FLOOR = 1e-6  # of the mean variance, added to all: what never varies has a finite precision
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
@@ -346,13 +348,12 @@ def _require_ending(dmp: DMP, doing: str) -> None:
         )
 
 
-FLOOR = 1e-6  # of the mean variance, added to all: what never varies has a finite precision
-
-
 def coactivated(
     promps: Sequence[ProMP], activations: ArrayLike, *, length: float = USUAL.usual_length
 ) -> ProMP:
-    """Return the distribution of movements that several distributions allow, by their activations.
+    """Return the product of several distributions at every instant (Paraschos et al., 2018).
+
+    Each is raised to its activation, from 0 (it has no part) to 1.
 
     Parameters
     ----------
@@ -412,7 +413,7 @@ def _product(promps: Sequence[ProMP], active: Array, s: Array) -> tuple[Array, A
     for promp, activation in zip(promps, active, strict=True):
         time = s * promp.duration
         own = promp.covariance_at(time)
-        least = FLOOR * max(float(np.trace(own, axis1=1, axis2=2).mean()) / n_columns, 1e-300)
+        least = PRECISION_FLOOR * max(float(np.trace(own, axis1=1, axis2=2).mean()) / n_columns, 1e-300)
         precision = activation[:, None, None] * np.linalg.inv(own + least * np.eye(n_columns))
         information += precision
         drawn += (precision @ promp.mean_at(time)[:, :, None])[:, :, 0]
