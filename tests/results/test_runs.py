@@ -89,6 +89,7 @@ def test_runs_tell_how_obstacles_are_turned(tmp_path):
     angle = 2 * np.arctan2(*arrays["obstacle_quaternion"][:, 0, [3, 0]].T)
     np.testing.assert_allclose(np.rad2deg(angle), 20 + 30 * arrays["time"], atol=1e-9)
     assert verify_run(read_run(folder)).reasons == ()
+    assert len(repr(read_run(folder))) < 500
     RUN.write(folder, summary, {key: arrays[key] for key in arrays if key != "obstacle_quaternion"})
     assert verify_run(read_run(folder)).reasons == ()
     RUN.write(

@@ -65,7 +65,7 @@ RUN = ResultKind(
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StoredRun(Stored):
     """Contents of `run.json` and `run.npz`, and the scene on which they are looked at."""
 
@@ -183,7 +183,7 @@ def _elsewhere(recorded: Record, record: Record) -> list[str]:
 
 def _turned_otherwise(scene: Scene, arrays: Arrays) -> list[str]:
     """List the obstacles that were, by the run's own record, turned otherwise than the scene turns them, in words."""
-    if "obstacle_quaternion" not in arrays:
+    if "obstacle_quaternion" not in arrays:  # nobody need say: the verification takes turns from the scene
         return []
     apart = np.abs(arrays["obstacle_quaternion"] - scene.orientations(arrays["time"])).max(axis=(0, 2))
     return [

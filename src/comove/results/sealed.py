@@ -287,15 +287,16 @@ class ResultKind:
     ) -> None:
         """Refuse arrays of another shape or type, or that are not finite unless they are `loose`."""
         for name, shape in shapes.items():
-            found, kind = arrays[name], np.bool_ if name in truths else np.float64
-            fits = found.shape == shape and len(found) >= fewest and found.dtype == kind
-            if not fits or not (name in loose or np.isfinite(found).all()):
-                raise ResultError(
-                    f"it holds {found.dtype.name} of shape {found.shape}, not finite numbers of shape {shape}",
-                    file=folder / self.arrays,
-                    key=name,
-                    way_out=self.hint,
-                )
+            found, kind = arrays[name], np.dtype(bool if name in truths else float)
+            if found.shape != shape or found.dtype != kind:
+                told = f"it holds {found.dtype.name} of shape {found.shape}, not {kind.name} of shape {shape}"
+            elif len(found) < fewest:
+                told = f"it has {len(found)} steps, and {fewest} are needed at least"
+            elif name not in loose and not np.isfinite(found).all():
+                told = "it holds nan or infinite numbers"
+            else:
+                continue
+            raise ResultError(told, file=folder / self.arrays, key=name, way_out=self.hint)
 
     def differences(
         self,

@@ -67,7 +67,7 @@ JOINTS = ResultKind(
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StoredJoints(Stored):
     """Contents of `robot.json` and `joints.npz`, and the folder's own scene."""
 
