@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from comove.cli.app import VERIFIED, sub_application, verb_of
 from comove.errors import SceneError
-
-if TYPE_CHECKING:
-    pass
 
 group = sub_application("scene", "Scene files: write version 2 of one, print the schema for editors.")
 

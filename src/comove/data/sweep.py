@@ -1,4 +1,7 @@
-"""A study that compares: scenes with methods, seeds and settings, all combinations of them."""
+"""A study that compares: scenes with methods, seeds and settings, all combinations of them.
+
+`study` runs one from Python and returns a table.
+"""
 
 from __future__ import annotations
 

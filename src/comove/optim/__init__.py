@@ -6,6 +6,7 @@ from comove.optim.ccmaes import (
     FactorForm,
     MatrixForm,
     NoForm,
+    PrintedCCMAES,
     PrintedForm,
     Reduction,
     StaleForm,
@@ -20,7 +21,6 @@ from comove.optim.cmaes import (
 from comove.optim.epsilon_level import EpsilonLevel
 from comove.optim.method import Reason
 from comove.optim.minimiser import Minimiser, Result, minimise
-from comove.optim.ccmaes import PrintedCCMAES
 from comove.optim.restarts import BIPOP, IPOP, NoRestarts
 from comove.optim.simple import Affine, Penalty, Plain, ProjectionRepair
 

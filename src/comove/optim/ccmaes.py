@@ -361,7 +361,9 @@ class CCMAESRun(OptimiserRun):
 
 
 class PrintedCCMAES:
-    """A run of the algorithm: sample, constrain and draw again until no sample violates a constraint, then adapt.
+    """Algorithm 1 of the paper with its equations (3), (5) and (6), line by line, without any addition.
+
+    Samples are drawn again until none violates a constraint; then the distribution is adapted.
 
     The paper leaves its constants open: those of CMA-ES are Hansen's (arXiv 1604.00772), c_v and beta are Arnold and
     Hansen's (2012), 1/(n + 2) and 0.1/(n + 2). The factor c_mu of (3), which the paper does not list, belongs to

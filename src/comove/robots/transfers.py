@@ -3,9 +3,9 @@
 The *approach* leads from the present joints, home unless given, through free space to a place straight behind the
 grasp, then along the approach axis to the grasp, with open hands, and waits while these close. The *release* waits
 while the hands open, draws back along the axis and leads home. Every part is a minimum-jerk motion from rest to rest.
-Both are judged like the carry: limits and clearances are kept at every instant. The load lies at its start during the
-approach and at its goal during the release; hands may be near it on the straight part only. The motion of the open
-fingers is not judged.
+Both are verified like the carry: limits and clearances are kept at every instant. The load lies at its start during
+the approach and at its goal during the release; hands may be near it on the straight part only. The motion of the
+open fingers is not verified.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from comove.robots.verification.verify import VerifiedJointMotion
 from comove.verification.verify import Sealed
 
 OPTIONS = {"start": "--approach", "goal": "--release"}
-_JUDGED = object()
+_VERIFIED = object()
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Transfers(Sealed):
     seal: InitVar[object] = field(default=None, kw_only=True)
 
     def __post_init__(self, seal: object) -> None:
-        self._require(seal is _JUDGED)
+        self._require(seal is _VERIFIED)
 
 
 def plan_transfers(
@@ -109,7 +109,7 @@ def plan_transfers(
     grip_time: float = SETTINGS.grip_time,
     seed: int = 0,
 ) -> Transfers:
-    """Plan and judge the joint motions from the present joints to the grasp, and from there home.
+    """Plan and verify the joint motions from the present joints to the grasp, and from there home.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def possible_transfers(
         motions.get("goal"),
         grip_time,
         min(clearance for _, clearance in found.values()),
-        seal=_JUDGED,
+        seal=_VERIFIED,
     )
     return transfers, errors
 
@@ -332,7 +332,7 @@ def _anew(end: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """The load at rest where it lies; replaces `Carried` in the judge's checks."""
+    """The load at rest where it lies; replaces `Carried` in the verifier's checks."""
 
     place: Array
 
@@ -347,7 +347,7 @@ class _Still:
 def _withdrawal(
     carry: VerifiedJointMotion, retreat: Retreat, grip_time: float, seed: int
 ) -> tuple[JointMotion, float]:
-    """Plan and judge the motion from the grasp to the other joints, after the hands had time to open.
+    """Plan and verify the motion from the grasp to the other joints, after the hands had time to open.
 
     Returns the motion, and a lower bound of its clearance [m].
     """
@@ -364,7 +364,7 @@ def _withdrawal(
         parts = [_paced(robot, scene, retreat.arms, q) for q in ways]
         motion = _joined(robot, grip_time, parts)
         free_from = grip_time + (len(parts[0]) - 1) / SAMPLE_RATE
-        reasons, clearance = _judged(
+        reasons, clearance = _verified(
             scene, retreat.arms, motion, free_from, retreat.bodies, _Still(retreat.place)
         )
         if not reasons:
@@ -450,7 +450,7 @@ def _whole(time: float) -> float:
     return np.ceil(time * SAMPLE_RATE - 1e-9) / SAMPLE_RATE
 
 
-def _judged(
+def _verified(
     scene: Scene,
     arms: tuple[Arm, ...],
     motion: JointMotion,

@@ -78,10 +78,11 @@ class CertificateSettings:
     ----------
     loose, tight : how far the bound may stay below the true clearance, in general and close to the required one [m]
     common : sides of workspaces for which these are made; for others they grow and shrink along [m]
-    strays, most_knots : distance of points of turning obstacles from their chords for which knots are added [m], and
-        how many at most
+    strays, most_knots : knots are added until points of turning obstacles stray from their chords by less [m], and at
+        most so many; this makes bounds tight, and is not needed for them to hold
     most_cells, most_halves : cells of edges, and halves of intervals of solids and triangles, each of which takes a
-        search for a direction; a bound that needs more is given up as it stands, lower than it might be
+        search for a direction, for all that stands and for each obstacle that moves; a bound that needs more is given
+        up as it stands, lower than it might be
     """
 
     loose: float = 1e-4
@@ -101,7 +102,7 @@ class CertificateSettings:
         most = self.most_cells, self.most_halves
         return Need(scene.clearance, self.loose * unit, self.tight * unit, rounding, *most)
 
-    def turned(self, scene: Scene, duration: float) -> Array:
+    def turning_times(self, scene: Scene, duration: float) -> Array:
         """Return times between which points of turning obstacles stray from their chords by little [s]."""
         bend = np.linalg.norm(scene.spins, axis=1) * scene.obstacle_speeds
         finest = duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
@@ -166,7 +167,7 @@ def certify(
     deviation = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
     if len(scene.obstacle_kinks) or since > 0 or scene.turning.any():
         # Between kinks obstacles go straight, or on circles; those that turn fast are looked at more often.
-        times = np.concatenate([scene.obstacle_kinks, settings.turned(scene, scene.duration)])
+        times = np.concatenate([scene.obstacle_kinks, settings.turning_times(scene, scene.duration)])
         s = np.unique(np.concatenate([s, [since], times / scene.duration]))
         s = s[s >= since]
         q = motion.at(s)[0]
@@ -202,7 +203,7 @@ def certify_curve(
     found = certified_border(curve, ends, radii, np.array(scene.workspace), need, found)
     hulls = [(body.edges, body.radii), (body.solids, np.zeros(len(body.solids)))]
     hulls = [(own, thick) for own, thick in hulls if len(own)]
-    views = list(_views(scene, curve, paths))
+    views = list(_views(scene, curve, paths))  # twice asked for: what stands, and each obstacle that moves
     for at_knots in (True, False):  # first what the clearance is about, which spares much of the rest
         for seen, rows, meshes in views:
             if at_knots:

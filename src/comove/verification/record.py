@@ -239,15 +239,16 @@ def verify_execution(record: Record | RecordSamples, blocker: str = "") -> Execu
 
 
 def clearance_of(record: Record | RecordSamples) -> Clearance:
-    """Return the certificate over all steps; a step in which the known motion of an obstacle has a kink is cut there.
+    """Return the certificate over all steps.
 
-    On either side of a kink obstacles stray less from their chords than over the step, and nodes no more from theirs.
-    So are steps in which an obstacle turns far.
+    Steps are cut where the known motion of an obstacle has a kink, and where it turns far: within a part, obstacles
+    and nodes stray no more from their chords than over the step. Where obstacles were elsewhere than the scene says,
+    steps stay whole.
     """
     scene, time, nodes, chord_deviations = record.scene, record.time, record.nodes, record.chord_deviations
     obstacles, sagitta = record.obstacles, record.sagitta
     kinks = {t - scene.begins for motion in scene.motions if motion is not None for t in motion.kinks}
-    inside = [*kinks, *SETTINGS.turned(scene, float(time[-1]))]
+    inside = [*kinks, *SETTINGS.turning_times(scene, float(time[-1]))]
     cut = np.union1d(time, [t for t in inside if time[0] < t < time[-1]])
     if len(cut) > len(time) and np.allclose(
         obstacles, scene.centers + scene.offsets(time), rtol=0.0, atol=1e-12

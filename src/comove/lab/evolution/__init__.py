@@ -1,8 +1,7 @@
 """Methods that search the shape weights of a scene by CMA-ES, and combinations of movements by it."""
 
 from comove.lab.evolution.combination import Combination, combine
-from comove.lab.evolution.paper import Paper
+from comove.lab.evolution.paper import Paper, Projection
 from comove.lab.evolution.printed import Printed
-from comove.lab.evolution.paper import Projection
 
 __all__ = ["Combination", "Paper", "Printed", "Projection", "combine"]

@@ -1,11 +1,11 @@
-"""Courses through a roadmap among things that move: which way, and when, over a prediction horizon.
+"""Paths through a roadmap among moving obstacles, with times, over a prediction horizon.
 
 Time goes by in slots. Moving obstacles are predicted to go on, and turn on, as they do now. For every sample of the
 roadmap and every slot it is computed what comes how near (`dangers`); then the least cost of a course from every node
 at every slot follows backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at the goal
 costs 1, one near to something more, and one in which something is met so much that it is avoided where it can be;
 where it cannot, a graze costs less than a hit, which the control of each step may yet turn into a miss. What is left
-to go at the end of the time that is foreseen counts as if nothing moved any more.
+to go at the end of the prediction horizon counts as if nothing moved any more.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Online execution of a carry: measured joints in, commanded joints out, among obstacles that move.
 
-A carry is planned and verified among what stands, and followed until something that moves would meet it: then a pilot
-chooses another course in time (`comove.robots.online.pilot`). Every control step the safety filter changes the
-wanted rates of all joints so that links and load keep clear of what is seen now, and the hands keep hold of the load.
-Where the arms fall behind, the reference waits for them.
+A carry is planned and verified among the static obstacles, and followed until a moving obstacle is predicted to meet
+it: then the replanner chooses another path in time (`comove.robots.online.pilot`). Every control step the safety
+filter changes the wanted rates of all joints so that links and load keep clear of what is seen now, and the hands
+keep hold of the load. Where the arms fall behind, the reference waits for them.
 
 The load is moved by the exact step of its twist, and joints are solved for its hands: so commands keep hold of it to
 rounding, however long a run is. Measured joints slow the plan down where the robot does not come along. A robot
@@ -59,7 +59,7 @@ class OnlineSettings:
     leisure : work of the search for the plan, before anything moves, as `Budget.work`
     catch_up : time constant of the return to the reference [s]
     behind : distance of the hands behind the reference at which it waits [m]
-    near_by : distance up to which what is foreseen along the reference counts for where the hands are [m]
+    near_by : distance up to which what is predicted along the reference counts for where the hands are [m]
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]

@@ -104,7 +104,7 @@ class CarryCourse:
 
     Attributes
     ----------
-    bodies : the robot whose joints move, and the obstacles that move
+    bodies : bodies of robot, obstacles and payload
     load : the load, in motion or at rest
     curve : joint positions by time [s], cubic between samples
     """
