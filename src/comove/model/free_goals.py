@@ -12,7 +12,7 @@ from comove.arrays import Array
 from comove.geometry.rotations import matrices
 from comove.model.files.keys import GraspOption
 from comove.model.grasp import turned_goal
-from comove.model.resting import provable
+from comove.model.resting import TOLERANCE, provable
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
 
@@ -42,16 +42,18 @@ class FreeGoal:
     def __init__(self, scene: Scene, option: GraspOption):
         load = scene.file.load
         assert load is not None and load.start is not None and option.free is not None
-        self.scene, self.option, self.free = scene, option, option.free
+        self.scene, self.option, self.free = scene.without_supports(), option, option.free
         holders = [scene.manipulators.index(name) for name in option.grasps]
         group = next(g for g, one in enumerate(scene.groups) if {*holders} <= {*one.members})
-        self.own, self.n_dims = scene.nodes_of_groups[group], scene.n_dims
+        self.own = scene.nodes_of_groups[group]
         start = matrices(np.array(load.start.quaternion_wxyz))
         self.points = (scene.nodes_at("start")[self.own] - spatial(np.array(load.start.position))) @ start
         self.hands = spatial(np.array([*option.grasps.values()]))
         for hand, place in zip(holders, self.hands, strict=True):
             self.points[self.own.index(hand)] = place
-        self.still = [i for i in range(len(scene.file.obstacles)) if not scene.moving[i]]
+        at_rest = [i for i in range(len(scene.file.obstacles)) if not scene.moving[i]]
+        self.supports = [i for i in at_rest if scene.file.obstacles[i].support]
+        self.still = [i for i in at_rest if i not in self.supports]
         self.begin = spatial(np.array(load.start.position)) + self.hands @ start.T
 
     def pose(self, angle: float) -> tuple[Array, Array]:
@@ -60,12 +62,18 @@ class FreeGoal:
         return spatial(np.array(goal.position)), matrices(np.array(goal.quaternion_wxyz))
 
     def is_clear(self, angle: float) -> bool:
-        """Return whether the payload and its end effectors are clear of what does not move."""
+        """Return whether the payload and its end effectors are clear of what does not move.
+
+        Supports count as far as the payload must not be in them; how it rests on them is judged where it is put down.
+        """
         position, turn = self.pose(angle)
         nodes = self.scene.nodes_at("goal").copy()
         nodes[self.own] = position + self.points @ turn.T
         needed = self.scene.clearance + provable(self.scene)
-        return self.scene.nearest_at(nodes, 0.0, self.still)[0] >= needed
+        if self.scene.nearest_at(nodes, 0.0, self.still)[0] < needed:
+            return False
+        deep = TOLERANCE + provable(self.scene)
+        return all(self.scene.distance_from(i, nodes) >= -deep for i in self.supports)
 
     def cost(self, angle: float) -> float:
         """Return the squared ways of the end effectors, and a little for the turn: the jerk of a straight motion."""

@@ -67,8 +67,10 @@ if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
 
 
-TURNS = tuple(np.deg2rad([0.0, *(sign * angle for angle in range(5, 181, 5) for sign in (1, -1))]).tolist())
-"""Turns of a free goal that are tried in turn [rad]."""
+TURNS = tuple(
+    np.deg2rad([0.0, *(sign * angle for angle in range(5, 180, 5) for sign in (1, -1)), 180.0]).tolist()
+)
+"""Turns of a free goal among which one has to be clear, the smallest first [rad]."""
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
@@ -258,6 +260,11 @@ class Scene:
             motions=(None,) * len(obstacles),
         )
         return stands._changed(obstacles=tuple(obstacles))
+
+    def without_supports(self) -> Scene:
+        """Return the scene with obstacles that support nothing, so that none recedes from a payload that rests."""
+        obstacles = self.file.obstacles
+        return self._changed(obstacles=tuple(one.model_copy(update={"support": None}) for one in obstacles))
 
     def scaled(self, factor: float) -> Scene:
         """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.

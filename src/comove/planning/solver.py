@@ -343,8 +343,7 @@ def _by_some_choice(problem: Problem) -> Procedure:
         for turn in [0.0] if option.free is None else FreeGoal(scene, option).turns():
             with suppress(SceneError):
                 free.append(scene.put_down(option, turn).require_free_ends())
-    if not free:
-        problem.scene.require_free_ends()  # which says what is touched
+    free = free or [scene.in_one_way()]  # or an error that says what is touched
     best: Solution | None = None
     budget = problem.budget
     for choice in free:
@@ -354,7 +353,7 @@ def _by_some_choice(problem: Problem) -> Procedure:
         best = found if best is None else found.after(best)
         if best.verified or best.interrupted or budget.is_spent:
             break
-    assert best is not None, "some ends are free"
+    assert best is not None, "there is a way"
     return best
 
 
