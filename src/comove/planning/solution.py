@@ -75,13 +75,14 @@ class SearchEffort:
     first_verified: float | None = None
 
     def after(self, earlier: SearchEffort) -> SearchEffort:
-        """Return the effort with that of an earlier search, which found nothing, besides."""
+        """Return the effort with that of an earlier search besides; of both, the first verified motion counts."""
+        later = None if self.first_verified is None else earlier.seconds + self.first_verified
         return SearchEffort(
             earlier.evaluations + self.evaluations,
             earlier.generations + self.generations,
             earlier.seconds + self.seconds,
             earlier.work + self.work,
-            None if self.first_verified is None else earlier.seconds + self.first_verified,
+            later if earlier.first_verified is None else earlier.first_verified,
         )
 
 
@@ -137,8 +138,9 @@ class Solution:
         return self.attempt.trajectory()
 
     def after(self, earlier: Solution) -> Solution:
-        """Return the solution with the effort of an earlier search besides."""
-        return replace(self, effort=self.effort.after(earlier.effort))
+        """Return the solution with the effort of another search, made before it or in vain, besides."""
+        effort = self.effort.after(earlier.effort)
+        return replace(self, effort=effort if self.verified else replace(effort, first_verified=None))
 
     def show(self) -> None:
         """Show the motion in a notebook, or else in a browser; see `comove.show`."""

@@ -495,16 +495,10 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> P
     if found.verified and not done[-1].interrupted and not left().is_spent:
         better = yield from attempt(found.scene.duration, method)
         found = better if better.verified else found
-    efforts = [solution.effort for solution in done]
-    effort = reduce(lambda earlier, later: later.after(earlier), efforts)
-    first = next((i for i, solution in enumerate(done) if solution.verified), None)
-    until_first = (
-        None if first is None else reduce(lambda a, b: b.after(a), efforts[: first + 1]).first_verified
-    )
     return replace(
         found,
         objective=LeastTime() if hasty else problem.objective,
-        effort=replace(effort, first_verified=until_first),
+        effort=reduce(lambda earlier, later: later.after(earlier), (solution.effort for solution in done)),
         interrupted=done[-1].interrupted,
         timed_out=left().seconds <= 0.0 or (left().is_spent and not found.verified),
     )
