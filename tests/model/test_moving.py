@@ -184,19 +184,16 @@ def test_a_mesh_turns_as_its_triangles_do():
 
 @pytest.mark.parametrize("how", MOTIONS)
 @examples(10)
-@given(seed=st.integers(0, 2**32 - 1), n_intervals=st.integers(1, 40), end=st.floats(0.1, 5.0))
-def test_points_of_obstacles_keep_to_the_bounds_of_their_speed_and_their_chords(how, seed, n_intervals, end):
+@given(seed=st.integers(0, 2**32 - 1), n_steps=st.integers(50, 2000), end=st.floats(0.1, 5.0))
+def test_points_of_obstacles_keep_to_the_bounds_of_their_speed(how, seed, n_steps, end):
     box = {"shape": "box", "center": DISC["center"], "size": [0.3, 0.1], "rotation_deg": 30}
     moving = scene(obstacles=[{**box, "motion": MOTIONS[how]}])
     own = np.random.default_rng(seed).uniform(-1, 1, 2) * [0.15, 0.05]
-    fine = np.linspace(0.0, end, 50 * n_intervals + 1)
+    fine = np.linspace(0.0, end, n_steps + 1)
     at = np.array([moving.obstacles_at(t)[0] for t in fine])
     turns = at[:, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
     points = at[:, sd.CENTER : sd.CENTER + 3] + turns @ [*own, 0.0]
     assert (np.linalg.norm(np.diff(points, axis=0), axis=1) <= moving.obstacle_speeds * fine[1] + 1e-12).all()
-    chords = np.stack([np.interp(fine, fine[::50], column) for column in points[::50].T], axis=1)
-    strays = np.linalg.norm(points - chords, axis=1)[:-1].reshape(n_intervals, 50).max(axis=1)
-    assert (strays <= moving.point_sagittas(fine[::50])[:, 0] + 1e-12).all()
 
 
 def test_obstacles_that_stand_have_no_motion():

@@ -536,14 +536,6 @@ class Scene:
         centers = np.array([0.0 if motion is None else motion.speed for motion in self.motions])
         return centers + np.linalg.norm(self.spins, axis=1) * self.reaches
 
-    def point_sagittas(self, time: Array) -> Array:
-        """Return bounds of the distances of the obstacles' points from their chords between the times.
-
-        Array, shape (n_times - 1, n_obstacles) [m].
-        """
-        bend = np.linalg.norm(self.spins, axis=1) ** 2 * self.reaches
-        return self.obstacle_sagittas(time) + bend * np.diff(time)[:, None] ** 2 / 8
-
     @cached_property
     def obstacle_kinks(self) -> Array:
         """Return the times during the movement at which the velocity of an obstacle may jump [s].
