@@ -56,6 +56,9 @@ def test_tables_are_those_of_the_scene_and_no_point_is_faster_than_told(seed, sh
     np.testing.assert_allclose(
         table[:, ROTATION : ROTATION + 9], exact[:, ROTATION : ROTATION + 9], atol=1e-9
     )
+    sample = round(share * 400) / 400  # where displacements are not interpolated
+    place_obstacles(scene.obstacles, moved, sample, later)
+    np.testing.assert_allclose(later, scene.obstacles_at(sample * DURATION), atol=1e-12)
     place_obstacles(scene.obstacles, moved, 1.0, later)  # a table that was used for another time
     place_obstacles(scene.obstacles, moved, 0.0, later)
     np.testing.assert_array_equal(later, scene.obstacles)

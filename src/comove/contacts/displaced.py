@@ -31,15 +31,14 @@ def carried_back(moved, row, instant, x, y, z):
     """Return a point [m] as seen from an obstacle at an instant, in the frame in which the obstacle rests."""
     if moved.offsets.shape[0] == 0:
         return x, y, z
-    first, last, share = instant
-    x -= (1.0 - share) * moved.offsets[first, row, 0] + share * moved.offsets[last, row, 0]
-    y -= (1.0 - share) * moved.offsets[first, row, 1] + share * moved.offsets[last, row, 1]
-    z -= (1.0 - share) * moved.offsets[first, row, 2] + share * moved.offsets[last, row, 2]
-    angle = _angle(moved, row, instant)
+    x -= offset_at(moved, row, instant, 0)
+    y -= offset_at(moved, row, instant, 1)
+    z -= offset_at(moved, row, instant, 2)
+    angle = angle_at(moved, row, instant)
     if angle == 0.0:
         return x, y, z
     a, b, c = moved.centers[row, 0], moved.centers[row, 1], moved.centers[row, 2]
-    u, v, w = _turned(moved.axes[row], -angle, x - a, y - b, z - c)
+    u, v, w = turned(moved.axes[row], cos(angle), -sin(angle), x - a, y - b, z - c)
     return a + u, b + v, c + w
 
 
@@ -48,22 +47,21 @@ def carried_forward(moved, row, instant, point):
     """Carry a point [m], array of shape (3,), from the frame in which an obstacle rests to the world, in place."""
     if moved.offsets.shape[0] == 0:
         return
-    first, last, share = instant
     center = moved.centers[row]
     for k in range(3):
         point[k] -= center[k]
     turned_forward(moved, row, instant, point)
     for k in range(3):
         point[k] += center[k]
-        point[k] += (1.0 - share) * moved.offsets[first, row, k] + share * moved.offsets[last, row, k]
+        point[k] += offset_at(moved, row, instant, k)
 
 
 @kernel(counted=False)
 def turned_forward(moved, row, instant, direction):
     """Turn a direction, array of shape (3,), from the frame in which an obstacle rests to the world, in place."""
-    angle = _angle(moved, row, instant) if moved.offsets.shape[0] > 0 else 0.0
+    angle = angle_at(moved, row, instant) if moved.offsets.shape[0] > 0 else 0.0
     if angle != 0.0:
-        x, y, z = _turned(moved.axes[row], angle, direction[0], direction[1], direction[2])
+        x, y, z = turned(moved.axes[row], cos(angle), sin(angle), direction[0], direction[1], direction[2])
         direction[0], direction[1], direction[2] = x, y, z
 
 
@@ -87,22 +85,29 @@ def farthest_moved(moved, obstacles, first, last):
         square = 0.0
         for k in range(3):
             square += (moved.offsets[last, row, k] - moved.offsets[first, row, k]) ** 2
-        turned = abs(moved.angles[last, row] - moved.angles[first, row])
-        farthest = max(farthest, sqrt(square) + turned * obstacles[row, REACH])
+        angle = abs(moved.angles[last, row] - moved.angles[first, row])
+        farthest = max(farthest, sqrt(square) + angle * obstacles[row, REACH])
     return farthest
 
 
 @kernel(counted=False)
-def _angle(moved, row, instant):
+def offset_at(moved, row, instant, axis):
+    """Return the displacement [m] of an obstacle's centre along an axis of the world, 0 to 2, at an instant."""
+    first, last, share = instant
+    return (1.0 - share) * moved.offsets[first, row, axis] + share * moved.offsets[last, row, axis]
+
+
+@kernel(counted=False)
+def angle_at(moved, row, instant):
+    """Return the angle [rad] by which an obstacle has turned at an instant."""
     first, last, share = instant
     return (1.0 - share) * moved.angles[first, row] + share * moved.angles[last, row]
 
 
 @kernel(counted=False)
-def _turned(axis, angle, x, y, z):
-    """Return a vector rotated about a unit vector (Rodrigues)."""
+def turned(axis, cosine, sine, x, y, z):
+    """Return a vector rotated about a unit vector, by an angle with this cosine and sine (Rodrigues, 1840)."""
     a, b, c = axis[0], axis[1], axis[2]
-    cosine, sine = cos(angle), sin(angle)
     along = (1.0 - cosine) * (a * x + b * y + c * z)
     return (
         cosine * x + sine * (b * z - c * y) + along * a,

@@ -9,6 +9,7 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.compiled import kernel
+from comove.contacts.displaced import angle_at, instant_at, offset_at, turned
 from comove.geometry.distances import CENTER, REACH, ROTATION
 from comove.model.moving import Displacements
 
@@ -58,30 +59,16 @@ def place_obstacles(resting, moved, share, table):
     last = moved.offsets.shape[0] - 1
     if last < 0:
         return
-    at = min(max(share, 0.0), 1.0) * last
-    k = min(int(at), max(last - 1, 0))
-    after, f, turned = min(k + 1, last), at - k, np.empty(9)
+    instant = instant_at(moved, share)
     for j in range(resting.shape[0]):
-        for axis in range(3):
-            here, there = moved.offsets[k, j, axis], moved.offsets[after, j, axis]
-            table[j, CENTER + axis] = resting[j, CENTER + axis] + here + f * (there - here)
+        for k in range(3):
+            table[j, CENTER + k] = resting[j, CENTER + k] + offset_at(moved, j, instant, k)
         if moved.angles[0, j] != 0.0 or moved.angles[last, j] != 0.0:  # it turns, at a constant rate
-            angle = moved.angles[k, j] + f * (moved.angles[after, j] - moved.angles[k, j])
-            _rotate(moved.axes[j], angle, resting[j, ROTATION : ROTATION + 9], turned)
-            for c in range(9):
-                table[j, ROTATION + c] = turned[c]
-
-
-@kernel
-def _rotate(axis, angle, rotation, out):
-    """Write a row-major rotation matrix, turned about an axis of unit length (Rodrigues, 1840)."""
-    c, s = cos(angle), sin(angle)
-    for column in range(3):
-        x, y, z = rotation[column], rotation[3 + column], rotation[6 + column]
-        along = (1.0 - c) * (axis[0] * x + axis[1] * y + axis[2] * z)
-        out[column] = c * x + s * (axis[1] * z - axis[2] * y) + along * axis[0]
-        out[3 + column] = c * y + s * (axis[2] * x - axis[0] * z) + along * axis[1]
-        out[6 + column] = c * z + s * (axis[0] * y - axis[1] * x) + along * axis[2]
+            axis, angle = moved.axes[j], angle_at(moved, j, instant)
+            cosine, sine = cos(angle), sin(angle)
+            for c in range(ROTATION, ROTATION + 3):  # columns of the matrix, whose rows follow each other
+                x, y, z = turned(axis, cosine, sine, resting[j, c], resting[j, 3 + c], resting[j, 6 + c])
+                table[j, c], table[j, 3 + c], table[j, 6 + c] = x, y, z
 
 
 @kernel
