@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove import solve
 from comove.dmp import motion_basis
 from comove.errors import ComoveWarning, SceneError
 from comove.model import CoordinatedMotion, Scene, load_coordinates
-from comove.model.constraints import DirectionConstraint
+from comove.model.constraints import DirectionConstraint, RotationConstraint
 from comove.model.coordinates import poses_at
 from comove.verification.bounds import node_bounds
 from comove.verification.verify import MotionCourse, verify
+from tests.cases import examples
 
 SLANTED = np.array([1.0, 2.0, 2.0]) / 3.0
 START = Rotation.from_euler("xyz", [10.0, 20.0, 40.0], degrees=True)
@@ -90,23 +93,40 @@ def test_whatever_a_search_does_keeps_it_to_rounding(constraint, turn, shift, ax
     assert verdict.report.constraint_excess_max <= 0.0
 
 
-def test_the_bound_of_a_free_motion_is_that_of_its_samples():
-    """The angle between a payload's direction and the world's is bounded by little more than its largest sample."""
-    free = Scene.from_dict(held([], about(SLANTED, 50.0)))
+def free_motion(turn, seed):
+    """A motion that nothing constrains, as the verifier sees it, and rotations from its start."""
+    free = Scene.from_dict(held([], turn))
     coordinates, basis = load_coordinates(free), motion_basis(12, "jerk")
-    weights = 0.05 * np.random.default_rng(1).normal(size=(coordinates.n_columns, 12))
+    weights = 0.05 * np.random.default_rng(seed).normal(size=(coordinates.n_columns, 12))
     motion = CoordinatedMotion(free, coordinates, basis, coordinates.boundary(), weights)
     position = coordinates.motion(motion.knots)[0, :, :2]
-    course = MotionCourse(motion, node_bounds(motion), position)
-    own, world = START.apply([0.0, 1.0, 0.0]), np.eye(3)[0]
-    constraint = DirectionConstraint((0, 1), 0.1, own, world)
     turned = Rotation.from_quat(
         poses_at(coordinates, motion.at(np.linspace(0, 1, 5001))[0]).quaternion[:, 0], scalar_first=True
     )
-    there = (turned * turned[0].inv()).apply(own)
+    return MotionCourse(motion, node_bounds(motion), position), turned * turned[0].inv()
+
+
+def test_the_bound_of_a_free_motion_is_that_of_its_samples():
+    """The angle between a payload's direction and the world's is bounded by little more than its largest sample."""
+    course, turned = free_motion(about(SLANTED, 50.0), 1)
+    own, world = START.apply([0.0, 1.0, 0.0]), np.eye(3)[0]
+    constraint = DirectionConstraint((0, 1), 0.1, own, world)
+    there = turned.apply(own)
     worst = np.arccos(np.clip(there @ world, -1, 1)).max()
     assert worst <= constraint.bound(course) < worst + 1e-3
     assert "leans by up to" in constraint.reason(constraint.bound(course), ("a", "b"))
+
+
+@examples(15)
+@given(st.integers(0, 2**32 - 1))
+def test_no_rotation_is_larger_than_its_bound(seed):
+    """About any axes one after the other; no direction of the payload alone tells the angle of its rotation."""
+    turn = Rotation.random(random_state=np.random.default_rng(seed))
+    course, turned = free_motion(turn, seed)
+    worst = turned.magnitude().max()
+    bound = RotationConstraint((0, 1), 0.1).bound(course)
+    widest = min(np.sqrt(1.5) * np.sin(min(worst + 2e-3, np.pi) / 2), 1.0)  # where all three axes turn as far
+    assert worst <= bound <= 2 * np.arcsin(widest)
 
 
 PILLAR = {"shape": "box", "center": [0.5, 0.5, 0.5], "size": [0.08, 0.08, 1.0]}

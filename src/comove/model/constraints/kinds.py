@@ -374,8 +374,17 @@ class RotationConstraint(PoseConstraint):
     kind = "no_rotation"
 
     def bound(self, course: Course) -> float:
-        """Return an upper bound of how far any direction turns [rad]."""
-        return max(course.leans(self.members[0], axis, axis) for axis in np.eye(3)[: course.n_dims])
+        """Return an upper bound of the angle of the rotation from the start [rad].
+
+        A rotation by an angle a about a unit vector n turns the axis i by an angle b with ``sin(b/2) = sin(a/2)
+        sqrt(1 - n_i^2)``. Over all three axes, or both axes of the plane, the squares sum to ``2 sin(a/2)^2``.
+        """
+        axes = np.eye(3)[: course.n_dims]
+        turned = np.array([course.leans(self.members[0], axis, axis) for axis in axes])
+        if not np.isfinite(turned).all():
+            return np.inf
+        sine = np.sqrt(0.5 * (np.sin(np.minimum(turned, np.pi) / 2) ** 2).sum())
+        return float(2.0 * np.arcsin(min(sine, 1.0)))
 
     def reason(self, error: float, names: Sequence[str]) -> str:
         """Return in words how far the payload turns."""
