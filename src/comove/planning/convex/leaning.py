@@ -51,13 +51,14 @@ class Leaning:
 
     def spare(self, q: Array) -> Array:
         """Return the distances in configurations (n_samples, n_columns); array, shape (n_samples, n) [m]."""
-        if not len(self.blocks):
-            return np.zeros((len(q), 0))
-        return _leaned(self.all, self.blocks, self.reach, np.ascontiguousarray(q))[0]
+        return self.linear(q)[0] if len(self.blocks) else np.zeros((len(q), 0))
 
-    def slopes(self, q: Array) -> Array:
-        """Return their derivatives by q, 0 where nothing is near; array, shape (n_samples, n, n_columns)."""
-        return _leaned(self.all, self.blocks, self.reach, np.ascontiguousarray(q))[1]
+    def linear(self, q: Array) -> tuple[Array, Array]:
+        """Return these distances, and their derivatives by q, 0 where nothing is near.
+
+        Arrays, shapes (n_samples, n) [m] and (n_samples, n, n_columns).
+        """
+        return _leaned(self.all, self.blocks, self.reach, np.ascontiguousarray(q))
 
 
 @kernel

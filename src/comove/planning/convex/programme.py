@@ -188,8 +188,8 @@ class Seen(NamedTuple):
     ----------
     q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
-    depth : array, shape (n_owners + 2 + n_kinds,), largest amount by which the margin of each owner is missed, each
-        body's distance from leaning too far, and each kind of distance of what follows [m]
+    depth : array, shape (n_owners + 2 + n_leaning + n_kinds,), largest amount by which the margin of each owner is
+        missed, each body's distance from leaning too far, and each kind of distance of what follows [m]
     postures, distances : what follows, at its samples, as in `Follower`
     """
 
@@ -270,8 +270,9 @@ class ConvexProgramme:
         return self.of_free(found).ravel()
 
     def need(self, settings: ConvexSettings) -> Array:
-        """Return the distance that is required from every owner, and those of what follows; array, shape
-        (n_owners + 2 + n_kinds,) [m].
+        """Return the distance that is required from every owner, of bodies from leaning too far, and of what follows.
+
+        Array, shape (n_owners + 2 + n_leaning + n_kinds,) [m].
         """
         need = np.full(self.load.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
@@ -369,7 +370,7 @@ class ConvexProgramme:
         q, away = seen.q[::FOLLOWED], off[::FOLLOWED]
         further = []
         if len(self.leaning.blocks):
-            further.append((first, self.leaning.spare(q), self.leaning.slopes(q)))
+            further.append((first, *self.leaning.linear(q)))
         if self.follower is not None:
             slopes = self.follower.slopes(self.coordinates.blocks, q, seen.postures, seen.distances)
             further.append((first + len(self.leaning.blocks), seen.distances, slopes))
