@@ -41,7 +41,8 @@ def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any
     ----------
     function : function, or None to give options first
     counted : whether references to the arrays of its arguments are counted, as numba does by itself; without, calls
-        with many arrays take a fraction of the time, but the function may neither allocate nor return any
+        with many arrays take a fraction of the time, but the function may neither allocate an array, nor return one,
+        nor call a kernel that returns one
     options : of `numba.njit`, such as `nogil=True`
 
     Returns
