@@ -271,6 +271,8 @@ def test_what_moves_may_pass_the_goal_but_not_begin_on_the_load():
         ({"turn": {"rate_deg_per_s": -3601}}, "motion.turn.rate_deg_per_s", "at most 3600, in deg/s"),
         ({"turn": {"rate_deg_per_s": 9, "axis": [0, 0, 1]}}, "motion.turn.axis", "planar; leave it out"),
         ({"turn": {"rate_deg_per_s": 9, "axis": [0, 0, 0]}}, "motion.turn.axis", "such as [0, 0, 1]"),
+        ({"turn": {"rate_deg_per_s": 9, "axis": [0, 0, 1e-12]}}, "motion.turn.axis", "has no direction"),
+        ({"turn": {"rate_deg_per_s": 9, "axis": [0, 0, np.nan]}}, "motion.turn.axis[2]", "finite"),
         ({"turn": {"rate_deg_per_s": 9, "axis": [0, 1]}}, "motion.turn.axis", "write 3 (x, y, z)"),
         ({"turn": {"rate_deg_per_s": 9, "hinge": [0, 0, 1]}}, "motion.turn.hinge", "has 3 numbers"),
         ({"turn": {"rate_deg_per_s": 3600, "hinge": [99, 0]}}, "motion", "at 6220.35 m/s; let it"),

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, model_validator
 from comove.arrays import Array
 from comove.geometry.rotations import cross, exponential, matrices
 from comove.io.keys import (
+    Direction,
     NotNegative,
     Number,
     Part,
@@ -33,7 +34,6 @@ FASTEST = 1000.0
 """Of obstacles; faster than sound, and faster than anything can be followed [m/s]."""
 FASTEST_TURN = 3600.0
 """Of obstacles: ten turns a second [deg/s]."""
-SHORTEST_AXIS = 1e-9
 HOW = ("velocity", "waypoints", "circle")
 
 
@@ -92,14 +92,6 @@ class Circle(Part):
     period_s: Positive
 
 
-def _direction(numbers: tuple[float, ...]) -> tuple[float, ...]:
-    if len(numbers) != 3:
-        raise Wrong(f"{show(numbers)} has {counted(numbers, 'number')}", "write 3 (x, y, z)")
-    if not np.linalg.norm(numbers) >= SHORTEST_AXIS:
-        raise Wrong(f"{show(numbers)} points nowhere", "write a direction such as [0, 0, 1]")
-    return numbers
-
-
 def _rate(rate: float) -> float:
     if rate == 0.0:
         raise Wrong("0 turns nothing", "give another rate, or leave out turn")
@@ -117,7 +109,7 @@ class Turn(Sparse):
 
     LATER = ("axis", "hinge")
     rate_deg_per_s: Annotated[Number, AfterValidator(_rate)]
-    axis: Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_direction)] | None = None
+    axis: Direction | None = None
     hinge: Vector | None = None
 
     @property
