@@ -17,7 +17,7 @@ from comove.dmp import motion_basis
 from comove.errors import ComoveWarning, SceneError
 from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.model.constraints import DirectionConstraint, RotationConstraint
-from comove.model.coordinates import poses_at
+from comove.model.coordinates import poses_at, projected_coordinates
 from comove.verification.bounds import node_bounds
 from comove.verification.verify import MotionCourse, verify
 from tests.cases import examples
@@ -115,6 +115,50 @@ def test_the_bound_of_a_free_motion_is_that_of_its_samples():
     worst = np.arccos(np.clip(there @ world, -1, 1)).max()
     assert worst <= constraint.bound(course) < worst + 1e-3
     assert "leans by up to" in constraint.reason(constraint.bound(course), ("a", "b"))
+
+
+@pytest.mark.parametrize("n_level", [2, 3])
+def test_a_payload_in_a_plane_leaves_end_effectors_beside_it_at_one_height(n_level):
+    """Their height is one direction of the coordinates, however many share it; the payload keeps its plane."""
+    beside = {
+        name: {"start": [0.1, y, 0.2], "goal": [0.3, y, 0.3]}
+        for name, y in zip("cde", (0.1, 0.9, 0.6), strict=True)
+    }
+    level = [{"type": "same_height", "between": [*pair]} for pair in ("cd", "de")[: n_level - 1]]
+    data = held([{"type": "planar", "normal": [1, 2, 2]}, *level], about(SLANTED, 40.0), SHIFT)
+    scene = Scene.from_dict(data | {"end_effectors": beside})
+    coordinates, basis = load_coordinates(scene), motion_basis(12, "jerk")
+    assert coordinates.free.shape == (coordinates.n_columns, 2 + 2 + 3 * 3 - (n_level - 1))
+    np.testing.assert_allclose(
+        coordinates.free.T @ coordinates.free, np.eye(coordinates.free.shape[1]), atol=1e-12
+    )
+    weights = 0.05 * np.random.default_rng(0).normal(size=(coordinates.n_columns, 12))
+    motion = CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
+    hands = motion.hands(np.linspace(0.0, 1.0, 1001))[0]
+    assert np.abs((hands[:, :2] - hands[0, :2]) @ SLANTED).max() < 1e-12
+    assert np.ptp(hands[:, 2 : 2 + n_level, 2], axis=1).max() == 0.0 < 0.1 < np.ptp(hands[:, 2, 2])
+    np.testing.assert_allclose(hands[[0, -1]], [scene.start, scene.goal], atol=1e-12)
+    assert not [reason for reason in verify(motion).reasons if "height" in reason or "payload" in reason]
+
+
+def test_a_search_by_projected_hands_stays_in_the_plane():
+    """What hands say is mapped onto what the payload keeps."""
+    crossed = [{"type": "planar"}, {"type": "no_rotation"}]
+    coordinates = projected_coordinates(Scene.from_dict(held(crossed, None, (0.4, 0.3, 0.0))))
+    np.testing.assert_allclose(coordinates.search[2], 0.0, atol=1e-15)
+    assert np.linalg.matrix_rank(coordinates.search) == 2
+
+
+@pytest.mark.parametrize("normal", [[1, 2, 2], [0, 0, 1]])
+def test_a_second_plane_is_refused(normal):
+    """One parallel to the first says nothing new, one across it would leave a line; either alone is read."""
+    planes = [{"type": "planar", "normal": [1, 2, 2]}, {"type": "planar", "normal": normal}]
+    data = held(planes, None, np.cross(SLANTED, [0.0, 0.0, 0.3]))
+    with pytest.raises(SceneError, match=r"planar is already given by constraints\[0\]; keep one") as raised:
+        Scene.from_dict(data)
+    assert raised.value.key == "constraints[1]"
+    for plane in planes:
+        Scene.from_dict(data | {"constraints": [plane]})
 
 
 @examples(15)

@@ -28,7 +28,7 @@ class Blocks(NamedTuple):
     point : array, shape (n_nodes, 3), position of this node in the group's frame [m]
     n_dims : 2 or 3
     mask, held : arrays, shapes (n_columns, n_columns) and (n_columns,): ``mask @ q + held`` is a configuration in
-        which bodies keep what they have to; empty where all columns are free
+        which bodies keep what they have to; where all columns are free, mask has the shape (0, 0) and held is 0
     up, level, tilt : arrays, shapes (n_blocks, 3), (n_blocks, 4) and (n_blocks,): unit vector in the group's frame
         that stays near the vertical, a quaternion that makes it vertical, and the angle that they may enclose [rad];
         pi for any
@@ -49,7 +49,7 @@ class Blocks(NamedTuple):
 
 
 class Unmasked(NamedTuple):
-    """The last fields of `Blocks` of which all columns are free."""
+    """The last fields of `Blocks`, of which all columns are free; shapes as there."""
 
     mask: Array
     held: Array
@@ -96,7 +96,14 @@ def columns_of(center: Integers, turn: int, width: int) -> slice | Integers:
 
 @kernel
 def keep_mask(blocks: Blocks, q: Array) -> None:
-    """Move a configuration, in place, to the nearest one in which bodies keep what they have to."""
+    """Move a configuration, in place, to the nearest one that keeps mask and unit quaternions.
+
+    Columns beyond those of the blocks, such as joints or a time, stay as they are; so does how far bodies lean.
+
+    Parameters
+    ----------
+    q : array, shape (n_columns or more,)
+    """
     n = blocks.mask.shape[0]
     if n == 0:
         return
@@ -115,7 +122,14 @@ def keep_mask(blocks: Blocks, q: Array) -> None:
 
 @kernel
 def lean(blocks: Blocks, b: int, q: Array, up: Array) -> float:
-    """Return the angle between a block's `up` and the vertical [rad], and write that direction, (3,)."""
+    """Return the angle between a block's `up` and the vertical [rad], and write `up` in the world.
+
+    Parameters
+    ----------
+    b : number of a block whose kind is QUATERNION
+    q : array, shape (n_columns or more,), a quaternion of any length
+    up : result, array, shape (3,), unit vector
+    """
     o = blocks.turn[b]
     w, x, y, z = q[o], q[o + 1], q[o + 2], q[o + 3]
     f = 2.0 / (w * w + x * x + y * y + z * z)
@@ -129,9 +143,14 @@ def lean(blocks: Blocks, b: int, q: Array, up: Array) -> float:
 
 @kernel
 def place(blocks: Blocks, q: Array, size: float) -> Array:
-    """Return the nodes of many rollouts, q of shape (n_rollouts, n_columns, n_steps).
+    """Return the nodes of many rollouts.
 
     Array, shape (n_rollouts, n_steps, n_nodes, 3) [m].
+
+    Parameters
+    ----------
+    q : array, shape (n_rollouts, n_columns, n_steps)
+    size : factor on the size of the groups
     """
     n_rollouts, n_columns, n_steps = q.shape
     nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
@@ -146,7 +165,14 @@ def place(blocks: Blocks, q: Array, size: float) -> Array:
 
 @kernel
 def place_one(blocks: Blocks, q: Array, size: float, nodes: Array) -> None:
-    """Write in `nodes` (n_nodes, 3) the nodes of one configuration q, array of shape (n_columns,) [m]."""
+    """Write the nodes of one configuration, with groups of a size.
+
+    Parameters
+    ----------
+    q : array, shape (n_columns or more,); directions and quaternions may have any length
+    size : factor on the size of the groups
+    nodes : result, array, shape (n_nodes, 3) [m]
+    """
     n_dims = blocks.n_dims
     for b in range(blocks.kind.shape[0]):
         kind, o = blocks.kind[b], blocks.turn[b]
@@ -191,7 +217,13 @@ def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
 
 
 def write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
-    """Return the rate of change of a block of q with a twist; array, shape (n_block_columns,)."""
+    """Return the rate of change of a block of q with a twist; array, shape (n_block_columns,).
+
+    Parameters
+    ----------
+    block : array, shape (n_block_columns,), as of `write_pose`
+    twist : array, shape (6,), velocity of the centre [m per duration], angular velocity [rad per duration]
+    """
     turn, (x, y, z) = block[n_dims:], twist[3:]
     if kind == ANGLE:
         change = np.array([z])
@@ -203,7 +235,13 @@ def write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
 
 
 def turned(kind: int, part: Array, points: Array) -> Array:
-    """Return R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
+    """Return rotated points and their first two derivatives; array, shape (3, n_steps, n_points, 3) [m].
+
+    Parameters
+    ----------
+    part : array, shape (3, n_steps, width), columns of the orientation and their first two derivatives
+    points : array, shape (n_points, 3), in the group's frame [m]
+    """
     result = np.zeros((3, part.shape[1], len(points), 3))
     if kind == POINT:
         result[0] = points

@@ -199,7 +199,10 @@ class Coordinates:
         return self.kept(q / shared)
 
     def kept(self, q: Array) -> Array:
-        """Return the configurations, (n_steps, n_columns), nearest to some in which bodies keep what they have to."""
+        """Return configurations moved onto the mask of the blocks; arrays, shape (n_steps, n_columns).
+
+        Quaternions keep no unit length thereby, and how far bodies lean is not looked at.
+        """
         return q if self.free is None else q @ self.blocks.mask + self.blocks.held
 
     def centers(self, q: Array) -> Array:
@@ -289,7 +292,10 @@ def projected_coordinates(scene: Scene) -> Coordinates:
                 way_out="use the method 'comove'",
             )
     matrix /= sharing[:, None, None]
-    return replace(coordinates, search=matrix.reshape(coordinates.n_columns, -1))
+    driven = matrix.reshape(coordinates.n_columns, -1)
+    return replace(
+        coordinates, search=driven if coordinates.free is None else coordinates.blocks.mask @ driven
+    )
 
 
 def arms_coordinates(scene: Scene) -> Coordinates:

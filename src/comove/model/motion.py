@@ -70,7 +70,10 @@ class CoordinatedMotion:
         return cls(scene, coordinates, basis, coordinates.boundary(), weights)
 
     def on(self, scene: Scene) -> CoordinatedMotion:
-        """Return the movement on its scene made larger or smaller (`Scene.scaled`)."""
+        """Return the movement on its scene with another duration or limits, or made larger or smaller.
+
+        Centres are scaled by the ratio of the largest sides of the workspaces (`Scene.scaled`).
+        """
         coordinates = coordinates_for(scene, self.coordinates.kind)
         factor, blocks = np.ones(self.coordinates.n_columns), self.coordinates.blocks
         sides = [float((own.upper - own.lower).max()) for own in (scene, self.scene)]

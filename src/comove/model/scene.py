@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
-from comove.arrays import Array, first_largest
+from comove.arrays import Array, Integers, first_largest
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
@@ -115,7 +115,7 @@ class Scene:
     constraints: tuple[Constraint, ...]
     body: MovingBody
     obstacles: Array
-    owners: NDArray[np.int64]
+    owners: Integers
     grasp: Grasp | None = None
     motions: tuple[ObstacleMotion | None, ...] = ()
     begins: float = 0.0
@@ -434,7 +434,7 @@ class Scene:
         return self.obstacles[self.first_rows, sd.CENTER : sd.CENTER + 3]
 
     @cached_property
-    def first_rows(self) -> NDArray[np.int64]:
+    def first_rows(self) -> Integers:
         """Return the first row of every obstacle in the table; array, shape (n_obstacles,)."""
         return np.unique(self.owners, return_index=True)[1]
 
@@ -609,7 +609,7 @@ class Scene:
         return tuple(c for c in self.constraints if isinstance(c, DistanceConstraint))
 
     @cached_property
-    def kept_apart(self) -> tuple[NDArray[np.int64], Array]:
+    def kept_apart(self) -> tuple[Integers, Array]:
         """Return the pairs of hands of different groups that must stay apart, and their least distances.
 
         Arrays, shapes (n, 2) and (n,) [m].
@@ -771,7 +771,7 @@ class Scene:
         return tuple(found)
 
 
-def _placed(table: Array, owners: NDArray[np.int64], centers: Array, turns: Array) -> Array:
+def _placed(table: Array, owners: Integers, centers: Array, turns: Array) -> Array:
     """Return rows of the table at centres [m] and turned [rad], by obstacle; arrays, shape (n_obstacles, 3)."""
     table, own = table.copy(), np.flatnonzero(turns[owners].any(axis=1))
     table[:, sd.CENTER : sd.CENTER + 3] = centers[owners]

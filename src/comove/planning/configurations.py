@@ -123,6 +123,11 @@ def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Arr
 
     Where other obstacles are nearer, it is the one with most clearance on the way; the end itself where it rests on
     nothing. Paths are planned from there, as the clearance is kept throughout a path.
+
+    Parameters
+    ----------
+    q : array, shape (n_columns,), configuration of the end
+    end : "start" or "goal"
     """
     rests = [rest for rest in scene.rests if rest.end == end]
     if not rests:
@@ -219,7 +224,7 @@ def span(space, p, q):
 
 @kernel
 def may_be_within(space, p, q, far):
-    """Return whether the span between two configurations may be less than `far` [m], told without angles."""
+    """Return whether the span between two configurations may be less than `far` [m], by the first block's centre."""
     moved, blocks = 0.0, space.blocks
     for axis in range(blocks.n_dims):
         c = blocks.center[0, axis]
@@ -273,7 +278,13 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 
 @kernel
 def edge_is_free(space, p, q, margin, scratch, nodes):
-    """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q."""
+    """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q.
+
+    Parameters
+    ----------
+    p, q, scratch : arrays, shape (n_columns or more,); scratch is overwritten
+    nodes : scratch space, array, shape (n_nodes, 3)
+    """
     return edge_is_free_in_time(space, None, p, q, margin, scratch, nodes)
 
 
@@ -284,6 +295,7 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
     Parameters
     ----------
     timing : Timing, None where nodes have no time
+    p, q, margin, scratch, nodes : as of `edge_is_free`; a time is the last entry of a node
     """
     moved = span(space, p, q)
     if too_fast(timing, moved, p, q):
@@ -316,7 +328,7 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
 
 @kernel
 def nearest(space, tree, count, q):
-    """Return the node of a tree that is nearest to q."""
+    """Return the index of the node of a tree that is nearest to q, of the first `count`."""
     best, least = 0, np.inf
     for i in range(count):
         if may_be_within(space, tree[i], q, least):
@@ -328,7 +340,7 @@ def nearest(space, tree, count, q):
 
 @kernel
 def random_configuration(space, rng, out):
-    """Write a random configuration, uniform in the workspace and over orientations, that keeps what it has to."""
+    """Write a random configuration, uniform in the workspace and over orientations, moved onto what bodies keep."""
     blocks, lower, upper = space.blocks, space.around.lower, space.around.upper
     for b in range(blocks.kind.shape[0]):
         for axis in range(blocks.n_dims):

@@ -76,7 +76,10 @@ class Kinematics:
         return plan_in_time(world, start, goal, speed, margin, rng, max_nodes=max_nodes, **free)
 
     def on(self, scene: Scene) -> Kinematics:
-        """Return the same on a scene that differs only in its duration and limits."""
+        """Return the kinematics on a scene that differs only in its duration and limits.
+
+        Where obstacles move and the duration differs, they are elsewhere at the goal, and so may be its joints.
+        """
         return self
 
     def along(self, nodes: Array) -> Follower | None:
@@ -84,7 +87,12 @@ class Kinematics:
         return None
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
-        """Return the evaluation of rollouts with their limits; array, shape (n_rollouts, n_columns, n_steps)."""
+        """Return an evaluation of rollouts, and whether they can be executed.
+
+        Parameters
+        ----------
+        q : array, shape (n_rollouts, n_columns, n_steps), configurations of the objective's coordinates
+        """
         return value
 
     def shortest(self, motion: CoordinatedMotion) -> float:
@@ -155,6 +163,6 @@ class LimitedKinematics(Kinematics):
         return (self.reasons,)
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
-        """Return the evaluation of rollouts with penalties, as of `ask`, and which of them are possible."""
+        """Return an evaluation of rollouts with the penalties of `ask`, and which of them look possible."""
         penalty, possible = self.ask(objective.coordinates.nodes(q))  # arms hold the real load
         return value._replace(penalty=value.penalty + penalty, possible=possible)

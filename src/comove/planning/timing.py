@@ -39,7 +39,13 @@ class Timing(NamedTuple):
 
 
 def fastest_point(table: Array, moved: Displacements) -> float:
-    """Return the largest speed of a point of an obstacle, by the samples of its displacements [m a duration]."""
+    """Return an upper bound of the speed of the obstacles' points between samples [m a duration].
+
+    Parameters
+    ----------
+    table : array, shape (n_rows, n_columns), the obstacles at 0 s
+    moved : their displacements at even times, on straight lines between them
+    """
     ways = np.linalg.norm(np.diff(moved.offsets, axis=0), axis=2)
     ways = ways + table[:, REACH] * np.abs(np.diff(moved.angles, axis=0))
     return float(ways.max(initial=0.0)) * max(len(moved.offsets) - 1, 0)
@@ -47,14 +53,14 @@ def fastest_point(table: Array, moved: Displacements) -> float:
 
 @kernel
 def place_obstacles(resting, moved, share, table):
-    """Write the table of obstacles as they are at a share of the movement; unchanged where none moves.
+    """Write centres and orientations of obstacles at a share of the movement; nothing where none moves.
 
     Parameters
     ----------
     resting : array, shape (n_rows, n_columns), the table at 0 s
     moved : Displacements, at even times
     share : normalised time
-    table : result, array, shape (n_rows, n_columns), a copy of `resting` with rows that may be moved
+    table : result, array, shape (n_rows, n_columns), at first a copy of `resting`, or a result at another time
     """
     last = moved.offsets.shape[0] - 1
     if last < 0:
@@ -81,7 +87,7 @@ def set_time(timing, table, node):
 
 @kernel
 def time_for_joints(timing, p, q):
-    """Return the time that joints have between two nodes at their limits of speed [s]; endless without times."""
+    """Return the time that joints have between two nodes at their limits of speed [s]; 1e9 without times."""
     if timing is None:
         return 1e9
     return timing.share * timing.duration * abs(q[-1] - p[-1])
@@ -97,7 +103,7 @@ def drift(timing, p, q):
 
 @kernel
 def too_fast(timing, moved, p, q):
-    """Return whether a displacement `moved` [m] takes longer than there is between two nodes."""
+    """Return whether a displacement `moved` [m] takes longer than there is between two nodes; never without times."""
     if timing is None:
         return False
     return moved > timing.speed * abs(q[-1] - p[-1])
@@ -105,7 +111,7 @@ def too_fast(timing, moved, p, q):
 
 @kernel
 def write_time(timing, p, q, share, out):
-    """Write the time at a share of the edge from p to q."""
+    """Write the time at a share of the edge from node p to node q in node `out`; nothing without times."""
     if timing is None:
         return
     out[-1] = q[-1] if share == 1.0 else p[-1] + share * (q[-1] - p[-1])
@@ -113,7 +119,7 @@ def write_time(timing, p, q, share, out):
 
 @kernel
 def share_of_step(timing, p, q, steps):
-    """Return the share of an edge that so many steps in time make, at most 1."""
+    """Return the share of an edge that so many steps in time make, at most 1; 1 without times."""
     if timing is None:
         return 1.0
     return min(1.0, timing.time_step * steps / max(abs(q[-1] - p[-1]), 1e-12))

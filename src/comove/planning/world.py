@@ -41,8 +41,10 @@ class World(NamedTuple):
     ----------
     space : space of the payload
     timing : times of nodes; None where no obstacle moves
-    arms : what answers `follow` and `reaches`, as `robots.search.planner.CarryingArms` does; None for free ends
-    clock : that of the space
+    arms : what answers `follow` and `reaches`, with the fields `n_columns` (of a configuration), `course` (joints at
+        both ends, array of shape (2, n_joints)) and `settings`, as `robots.search.planner.CarryingArms`; None for
+        free end effectors
+    clock : clock of the space, on which the trees' work counts as well
     """
 
     space: Space
@@ -56,13 +58,13 @@ class World(NamedTuple):
         return cls(space, timing, arms, space.clock)
 
     def paced(self, speed: float, share: float = 1.0) -> World:
-        """Return the same world of another speed limit [m a duration], and share of those of joints, in time."""
+        """Return the world with another speed limit of the payload [m a duration], and share of those of joints."""
         assert self.timing is not None, "nodes have times"
         return self._replace(timing=self.timing._replace(speed=speed, share=share))
 
 
 def follow(arms, world, p, out):
-    """Write the joints at the end of an edge from p, followed from its own; return whether arms can follow."""
+    """Write the joints at the end of an edge in `out`, followed from those of p; return whether arms can follow."""
     return arms.follow(world, p, out)
 
 

@@ -184,7 +184,10 @@ class RobotCarrier(LimitedKinematics):
         return self._changed("_tally", caution=self.caution + 1)
 
     def on(self, scene: Scene) -> RobotCarrier:
-        """Return a copy on a scene that differs only in its duration and limits."""
+        """Return a copy on a scene that differs only in its duration and limits.
+
+        Where obstacles move and the duration differs, the joints at the goal are solved anew.
+        """
         other = self._changed(scene=scene)
         if scene.moving.any() and scene.duration != self.scene.duration:
             for name in ("goals", "_pairs", "_led"):  # obstacles are elsewhere at the goal

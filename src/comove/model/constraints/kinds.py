@@ -430,8 +430,9 @@ Degrees = Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)]
 class UprightKeys(ConstraintKeys, Sparse):
     """A constraint that lets the load turn about the vertical, and lean from it by `tolerance_deg` at most.
 
-    Up to one degree the tilt of the start is kept, and the goal may miss it by the tolerance. `up`, in the payload's
-    frame, is the direction that stays near the vertical; unless given, the one that is vertical at the start.
+    `up`, in the payload's frame, is the direction that stays near the vertical; unless given, the one that is
+    vertical at the start. Without `up`, the tilt of the start is kept on the way, and the goal may miss it by the
+    tolerance, where the tolerance is one degree or less, the scene is planar, or the load has no poses.
     """
 
     LATER = ("up",)

@@ -74,13 +74,13 @@ PARALLEL = 1e-3
 """Sine of the least angle between a grasp's approach and the direction in which its fingers close."""
 
 
-class StartPose(Turned):
+class WorldPose(Turned):
     """A pose of the payload's frame in the world [m]."""
 
     position: Vector
 
 
-class GoalPose(StartPose):
+class GoalPose(WorldPose):
     """The pose at the goal, whose orientation about one axis may be left open.
 
     `free` is `yaw`, the vertical through the payload's frame, or an axis of the payload, about which it is symmetric.
@@ -93,7 +93,7 @@ class _Payload(Part):
     """A rigid body of `mass` [kg] that is moved from `start` to `goal`."""
 
     mass: Positive | None = None
-    start: StartPose
+    start: WorldPose
     goal: GoalPose
     symmetric: Literal["x", "y", "z"] | None = None
     """Axis about which it is symmetric, so that its roll at the goal does not matter."""

@@ -133,16 +133,27 @@ class Follower(Protocol):
     """
 
     def required(self, margin: float) -> Array:
-        """Return the distances that are required, with a margin as of obstacles; array, shape (n_kinds,) [m]."""
+        """Return the distances that are required, with a margin [m] as of obstacles; array, shape (n_kinds,) [m]."""
 
     def follow(self, nodes: Array) -> tuple[Array, Array]:
-        """Return the postures in which nodes, array of shape (n_samples, n_nodes, 3), are followed, array of shape
-        (n_samples, n), and their distances, array of shape (n_samples, n_kinds) [m].
+        """Return the postures in which nodes are followed, and their distances.
+
+        Arrays, shapes (n_samples, n) and (n_samples, n_kinds) [m].
+
+        Parameters
+        ----------
+        nodes : array, shape (n_samples, n_nodes, 3) [m]
         """
 
     def slopes(self, blocks: Blocks, q: Array, postures: Array, distances: Array) -> Array:
-        """Return the derivatives of distances by configurations q; array, shape (n_samples, n_kinds, n_columns), 0
-        where distances are so large that they do not count.
+        """Return the derivatives of distances by configurations, 0 where distances are too large to count.
+
+        Array, shape (n_samples, n_kinds, n_columns).
+
+        Parameters
+        ----------
+        q : array, shape (n_samples, n_columns)
+        postures, distances : arrays, as of `follow`
         """
 
     def stricter(self) -> Follower:
@@ -175,6 +186,11 @@ def grid(
     """Return the map to `n_samples` even samples, or to their derivatives of an order by normalised time.
 
     `n_samples` - 1 must divide `N_INTERVALS`.
+
+    Parameters
+    ----------
+    boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
+    free : as in `Grid`
     """
     step = N_INTERVALS // (n_samples - 1)
     shape, base = np.ascontiguousarray(basis.shape[order][::step]), basis.boundary[order][::step] @ boundary
@@ -188,8 +204,8 @@ class Seen(NamedTuple):
     ----------
     q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
-    depth : array, shape (n_owners + 2 + n_leaning + n_kinds,), largest amount by which the margin of each owner is
-        missed, each body's distance from leaning too far, and each kind of distance of what follows [m]
+    depth : array, shape (n_owners + 2 + n_leaning + n_kinds,), largest amount by which a required distance is missed:
+        from every owner, from the border, between hands that stay apart, from leaning too far, of what follows [m]
     postures, distances : what follows, at its samples, as in `Follower`
     """
 
@@ -270,7 +286,7 @@ class ConvexProgramme:
         return self.of_free(found).ravel()
 
     def need(self, settings: ConvexSettings) -> Array:
-        """Return the distance that is required from every owner, of bodies from leaning too far, and of what follows.
+        """Return the distances that are required, in the order of `Seen.depth`.
 
         Array, shape (n_owners + 2 + n_leaning + n_kinds,) [m].
         """
@@ -280,7 +296,13 @@ class ConvexProgramme:
         return need if self.follower is None else np.append(need, self.follower.required(settings.margin))
 
     def look(self, q: Array, cutoff: float, need: Array) -> Seen:
-        """Find contacts nearer than `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
+        """Find contacts nearer than `cutoff` [m] along configurations.
+
+        Parameters
+        ----------
+        q : array, shape (n_fine, n_columns)
+        need : array, as of `need`
+        """
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         least = np.empty(self.load.n_owners + 2)
         moved = self.moved
@@ -304,7 +326,14 @@ class ConvexProgramme:
         return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
 
     def moves_of_hands(self, q: Array, nodes: Array) -> Array:
-        """Return derivatives of hands at coarse samples by the shape weights; (n_samples, n_hands * n_dims, n)."""
+        """Return derivatives of hands at coarse samples by the shape weights.
+
+        Array, shape (n_samples, n_hands * n_dims, n_free * n_basis) [m].
+
+        Parameters
+        ----------
+        q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3) [m]
+        """
         n_hands = len(self.scene.manipulators)
         slopes = hand_slopes(self.coordinates.blocks, self.load.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
@@ -328,7 +357,7 @@ class ConvexProgramme:
         return np.concatenate([np.zeros(0), *lengths])
 
     def moves_of_gauge(self, q: Array, weight: float) -> Array:
-        """Return the derivatives of `gauge` by the shape weights; array, shape (n, n_columns * n_basis)."""
+        """Return the derivatives of `gauge` by the shape weights; array, shape (n, n_free * n_basis)."""
         rows = [np.zeros((0, self.n))]
         for turn, reach in self.normed:
             p = q[::GAUGE_EVERY, turn]
@@ -358,8 +387,14 @@ class ConvexProgramme:
         return bool((distances.min(axis=0) >= self.follower.required(0.0)).all())
 
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, Integers]:
-        """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row; kinds of
-        distances of what follows count as owners after all others.
+        """Return rows A and bounds b of the linearised distances, ``A dz >= b``, and the owner of each row.
+
+        Arrays, shapes (n_rows, n_free * n_basis), (n_rows,) and (n_rows,) of int; owners count as in `Seen.depth`.
+
+        Parameters
+        ----------
+        off : array, shape (n_fine, n_columns), difference of `seen.q` from the configurations of dz = 0
+        need : array, as of `need`
         """
         n_contacts, n_columns = len(seen.contacts), self.coordinates.n_columns
         rows, distance = np.empty((n_contacts, n_columns * self.basis.n_basis)), np.empty(n_contacts)
