@@ -11,7 +11,7 @@ to go at the end of the prediction horizon counts as if nothing moved any more.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import ceil, sqrt
+from math import ceil, cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +20,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
+from comove.contacts.displaced import turned
 from comove.control.safety.qp_workspace import Sighting
-from comove.control.safety.twists import exponential_at, turn_into
 from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
 from comove.model.blocks import place_one
 from comove.planning.configurations import Space
@@ -144,16 +144,14 @@ def _cost(h: float, costs: SlotCosts) -> float:
 
 
 @kernel
-def _clearance(
-    seen: Sighting, j: int, p: Array, q: Array, time: float, far: float, ends: tuple[Array, Array]
-) -> float:
+def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: float, ends: Array) -> float:
     """Return the clearance of a segment from a mover at a time, less its margin [m].
 
     Where it is above `far`, any value above `far` may be returned.
 
     Parameters
     ----------
-    ends : work arrays, shape (3,), of the axis of a capsule
+    ends : work array, shape (4, 3), of the axis of a capsule and of the segment as the mover has it
     """
     table, velocity = seen.table, seen.velocity
     x, y, z = time * velocity[j, 0], time * velocity[j, 1], time * velocity[j, 2]
@@ -164,7 +162,9 @@ def _clearance(
     if away - table[j, REACH] > far or table[j, KIND] == SPHERE:
         return away - table[j, REACH]
     if turns(seen, j):
-        p, q, x, y, z = _from_obstacle(seen, j, time, p), _from_obstacle(seen, j, time, q), 0.0, 0.0, 0.0
+        _from_obstacle(seen, j, time, p, ends[2])
+        _from_obstacle(seen, j, time, q, ends[3])
+        p, q, x, y, z = ends[2], ends[3], 0.0, 0.0, 0.0
     if table[j, KIND] == CAPSULE:
         moved = x, y, z
         for k in range(3):
@@ -187,16 +187,15 @@ def turns(seen: Sighting, j: int) -> bool:
 
 
 @kernel
-def _from_obstacle(seen: Sighting, j: int, time: float, p: Array) -> Array:
-    """Return a point at a time [s] as an obstacle has it that is where it is now; array, shape (3,) [m]."""
-    turn, out, spin, center = np.empty((3, 3)), np.empty(3), seen.spin[j], seen.table[j, CENTER : CENTER + 3]
-    w, x, y, z = exponential_at(time * spin[0], time * spin[1], time * spin[2])
-    turn_into(w, x, y, z, turn)
+def _from_obstacle(seen: Sighting, j: int, time: float, p: Array, out: Array) -> None:
+    """Write a point at a time [s] as an obstacle that turns has it that is where it is now; array, shape (3,) [m]."""
+    spin, center, velocity = seen.spin[j], seen.table[j, CENTER : CENTER + 3], seen.velocity[j]
+    rate = sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
+    axis = spin[0] / rate, spin[1] / rate, spin[2] / rate
     for k in range(3):
-        out[k] = center[k]
-        for m in range(3):
-            out[k] += turn[m, k] * (p[m] - center[m] - time * seen.velocity[j, m])
-    return out
+        out[k] = p[k] - center[k] - time * velocity[k]
+    x, y, z = turned(axis, cos(time * rate), -sin(time * rate), out[0], out[1], out[2])
+    out[0], out[1], out[2] = center[0] + x, center[1] + y, center[2] + z
 
 
 @kernel
@@ -288,7 +287,7 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
         step[j] = (times[1] - times[0]) * seen.velocity[j]
         reach[j] = seen.table[j, REACH] + seen.margin[j]
     cost, off, out = np.empty((n_times, n_samples)), np.empty(3), np.empty(n_times)
-    ends, aside = (np.empty(3), np.empty(3)), np.empty(3)
+    ends, aside = np.empty((4, 3)), np.empty(3)
     for t in range(n_samples):
         out[:] = 0.0
         for m in range(radius.shape[0]):
@@ -329,7 +328,7 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
 def dangers_along(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> Array:
     """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
     start, end, radius = bodies
-    cost, here, ends = np.zeros(start.shape[0]), np.empty(3), (np.empty(3), np.empty(3))
+    cost, here, ends = np.zeros(start.shape[0]), np.empty(3), np.empty((4, 3))
     for t in range(start.shape[0]):
         for j in range(seen.table.shape[0]):
             for x in range(3):
