@@ -1,9 +1,13 @@
 """A joint motion as geometry alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from comove.model import Scene
 from comove.sim import Settings, play
+from comove.sim.execution import contacts_at
 from tests.robots.known_path import DISTANCE, known_motion
 from tests.sim.benchmark import joints_straight, load_straight, posts
 
@@ -37,6 +41,22 @@ def test_the_straight_way_goes_as_deep_into_a_post_as_geometry_says():
     depths = {contact.between: contact.depth for contact in execution.contacts}
     assert depths["the load", "obstacles[1] (cylinder)"] == pytest.approx(0.0416, abs=1e-3)
     assert not execution.delivered
+
+
+def test_obstacles_stay_once_the_motion_is_over():
+    """A ball that would come through the stick a second later stays short of it, whatever the scene's duration."""
+    robot, motion = known_motion()
+    execution = play(motion, robot, posts())
+    there, late = execution.load_pose[-1, :3, 3], motion.duration + 1.0
+    path = [[*map(float, point)] for point in (there + [0.9, 0, 0], there + [0.9, 0, 0], there)]
+    ball = {"name": "ball", "shape": "sphere", "radius": 0.05, "center": path[0]}
+    ball["motion"] = {"waypoints": path, "times": [0.0, motion.duration, late]}
+    data = posts().file.model_dump(exclude_none=True, mode="json") | {"obstacles": [ball]}
+    for duration in (motion.duration, None):
+        scene = Scene.from_dict(data | {"duration": duration}, check_ends=False)
+        joints, pose = execution.joints[[-1, -1]], execution.load_pose[[-1, -1]]
+        time = np.array([motion.duration, late])
+        assert not contacts_at(replace(execution, scene=scene, time=time, joints=joints, load_pose=pose))
 
 
 def test_joints_on_the_shortest_way_would_bend_the_stick():

@@ -19,7 +19,14 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
-from comove.sim.world import THE_LOAD, SimulatedWorld, lower_floor, move_obstacles, moving_poses
+from comove.sim.world import (
+    THE_LOAD,
+    SimulatedWorld,
+    lower_floor,
+    move_obstacles,
+    moving_poses,
+    obstacle_time,
+)
 
 
 def simulate(
@@ -131,8 +138,7 @@ def _run(
     control = position + world.lead * velocity
     carrying = payload.at(position[::limiting], velocity[::limiting], acceleration[::limiting])
     push, pushed = _push(world, motion, perturbation, time)
-    # After the motion obstacles stay: nothing is known of a payload that stands where they go on.
-    mocap, places, turns = moving_poses(model, scene, np.minimum(time, motion.duration))
+    mocap, places, turns = moving_poses(model, scene, obstacle_time(time, motion.duration))
     log, unstable = _Log(world, n_steps // every + 1), None
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     began = perf_counter()

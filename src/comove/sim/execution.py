@@ -33,6 +33,7 @@ from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import MovingObstacles, beyond_wrists, depth_of, obstacle_object
 from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
 from comove.sim.settings import PLAN, Perturbation, Settings
+from comove.sim.world import obstacle_time
 
 if TYPE_CHECKING:
     from comove.sim.grasps import GraspModel
@@ -311,7 +312,13 @@ def squeezes(wrenches: Array, points: Array) -> Array:
 
 
 def contacts_between(
-    robot: Robot, scene: Scene, load: Load | None, time: Array, joints: Array, poses: Array
+    robot: Robot,
+    motion: JointMotion,
+    scene: Scene,
+    load: Load | None,
+    time: Array,
+    joints: Array,
+    poses: Array,
 ) -> tuple[Contact, ...]:
     """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands.
 
@@ -322,7 +329,7 @@ def contacts_between(
     found: dict[int, tuple[float, float]] = {}
     parts = [] if load is None else [part.placement for part in load.parts]
     obstacles = MovingObstacles.among(scene, geometry, robot.collision.ngeoms, {})
-    turns, places = obstacles.placements(np.minimum(time, scene.duration if scene.is_timed else np.inf))
+    turns, places = obstacles.placements(obstacle_time(time, motion.duration))
     for step, q in enumerate(joints):
         pin.updateGeometryPlacements(robot.model, data, geometry, state, q)
         for item, part in zip(moved, parts, strict=True):
@@ -350,6 +357,7 @@ def contacts_at(execution: Execution, stride: int = 1) -> tuple[Contact, ...]:
     steps = slice(None, None, stride)
     return contacts_between(
         execution.robot,
+        execution.motion,
         execution.scene,
         execution.load,
         execution.time[steps],

@@ -31,7 +31,7 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
 from comove.sim.settings import PLAN, Perturbation
-from comove.sim.world import SimulatedWorld, lower_floor, move_obstacles
+from comove.sim.world import SimulatedWorld, lower_floor, move_obstacles, obstacle_time
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
@@ -277,7 +277,9 @@ def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> Non
     data.qpos[world.qpos] = execution.joints[step]
     if execution.fingers is not None:
         data.qpos[world.finger_qpos] = execution.fingers[step]
-    move_obstacles(world, data, execution.scene, min(float(execution.time[step]), execution.motion.duration))
+    move_obstacles(
+        world, data, execution.scene, float(obstacle_time(execution.time[step], execution.motion.duration))
+    )
     if world.load is not None:
         world.put_load(data, execution.load_pose[step])
     mj.mj_kinematics(model, data)

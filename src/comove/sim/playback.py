@@ -64,7 +64,7 @@ def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings 
         load_pose=poses,
         wrench=wrench,
         fingers=np.empty((n_steps, 0)),
-        contacts=contacts_between(robot, scene, load, time, joints, poses),
+        contacts=contacts_between(robot, motion, scene, load, time, joints, poses),
         steps_per_second=n_steps / (perf_counter() - began),
     )
 
