@@ -12,7 +12,6 @@ from comove.dmp.demonstrations.formats import write
 from comove.errors import OptionError
 from comove.model import demonstration_of
 from comove.planning import carried_demonstration, movements_of
-from comove.planning.convex.costs import JerkCost
 from comove.planning.resemblance import followed, precision_root
 
 SCENE = {
@@ -50,15 +49,6 @@ def test_the_precision_is_the_inverse_covariance_relative_to_its_mean():
     expected = np.linalg.inv(covariance / variance + 0.1**2 * np.eye(2))
     assert np.abs(weight / expected[:, :1, :1] - expected / expected[:, :1, :1]).max() < 1e-3
     assert weight[80, 1, 1] < 0.1 * weight[150, 1, 1]  # dear where all agree
-
-
-def test_the_derivatives_of_the_weighted_cost():
-    rng = np.random.default_rng(0)
-    root, taught = rng.standard_normal((11, 4, 4)), rng.standard_normal((11, 4))
-    cost = JerkCost(1.0, taught, 1e3, root)
-    hands, moves, dz = rng.standard_normal((11, 4)), rng.standard_normal((11, 4, 3)), rng.standard_normal(3)
-    ahead = cost.residuals(hands + moves @ dz) - cost.residuals(hands)
-    assert np.abs(ahead - cost.slopes(moves) @ dz).max() < 1e-6 * np.abs(ahead).max()
 
 
 def test_the_motion_leaves_the_taught_way_where_people_vary():

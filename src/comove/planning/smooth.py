@@ -12,11 +12,11 @@ from comove.dmp.dmp import DMP
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import load_coordinates
 from comove.model.motion import CoordinatedMotion
-from comove.planning.convex.costs import Anchored, JerkCost, PaperSquares, squares
+from comove.planning.convex.costs import Anchored, JerkCost, PaperSquares, SumOfSquares, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import SETTINGS as CONVEX
-from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk
 from comove.planning.pace import in_least_time
@@ -242,7 +242,7 @@ def _carried(
 def _optimised(
     search: Search,
     programme: ConvexProgramme,
-    cost: QuadraticCost,
+    cost: SumOfSquares,
     z: Array,
     settings: ConvexSettings,
     reference: Array | None = None,
@@ -304,7 +304,7 @@ def hurry(
     z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], smoothing.ridges[-1])
     _, hands = programme.hands(programme.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
-    jerk, pace = float((gentle.residuals(hands) ** 2).sum()), limits.pace(hands)
+    jerk, pace = gentle.value(hands), limits.pace(hands)
     if not (jerk > 0 and pace > 0):
         return False
     cost = replace(gentle, weight=smoothing.gentle / jerk, haste=1.0 / pace)

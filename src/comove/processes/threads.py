@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -35,7 +37,7 @@ class _Limit:
         with self.lock:
             self.users += 1
             if self.users == 1:
-                self.before = [(library, library.get()) for library in _libraries()]
+                self.before = [(library, library.get()) for library in _libraries(len(sys.modules))]
                 for library, _ in self.before:
                     library.set(1)
 
@@ -65,8 +67,12 @@ def one_blas_thread() -> Iterator[None]:
         _LIMIT.end()
 
 
-def _libraries() -> list[_Library]:
-    """Return the OpenBLAS libraries that are loaded; none of other makes."""
+@lru_cache(maxsize=1)
+def _libraries(n_modules: int) -> tuple[_Library, ...]:
+    """Return the OpenBLAS libraries that are loaded; none of other makes.
+
+    Reading what is loaded takes milliseconds: it is read again once modules were imported, which load them.
+    """
     found = list[_Library]()
     for path in sorted(_paths()):
         try:
@@ -78,7 +84,7 @@ def _libraries() -> list[_Library]:
             if hasattr(library, name % "set"):
                 found.append(_Library(getattr(library, name % "get"), getattr(library, name % "set")))
                 break
-    return found
+    return tuple(found)
 
 
 def _paths() -> set[str]:

@@ -6,12 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from comove.planning.convex.limits import LinearLimits
+from comove.planning.convex.costs import Moves
+from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import Prices, Rows, Trust, minimum
 from tests.cases import examples
 
 N = 5
-NO_LIMITS = LinearLimits(np.zeros((0, 2)), np.zeros((0, 2, N)), np.zeros(0), np.zeros(0))
+NO_LIMITS = Limits(2, (np.inf, np.inf, np.inf)).linear(
+    np.zeros((3, 2)), Moves(np.zeros((3, 2, N)), np.ones((3, 1)), np.zeros(N, dtype=bool))
+)
 
 
 @examples(40)

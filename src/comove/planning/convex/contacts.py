@@ -421,11 +421,17 @@ def hand_slopes(blocks, block, nodes, q, n_hands):
     """
     n_samples, n_columns = q.shape
     slopes = np.zeros((n_samples, n_hands, blocks.n_dims, n_columns))
-    normal, turns = np.zeros(3), np.empty((4, 3))
+    turns, arm = np.empty((4, 3)), np.zeros(3)
     for s in range(n_samples):
         for i in range(n_hands):
+            b = block[i]
+            width = spins(blocks, b, q[s], turns)
             for axis in range(blocks.n_dims):
-                normal[:] = 0.0
-                normal[axis] = 1.0
-                _slope(blocks, block[i], q[s], nodes[s, i], normal, 1.0, slopes[s, i, axis], turns)
+                column = blocks.center[b, axis]
+                arm[axis], slopes[s, i, axis, column] = nodes[s, i, axis] - q[s, column], 1.0
+            for k in range(width):
+                column, (x, y, z), (u, v, w) = blocks.turn[b] + k, turns[k], arm
+                slopes[s, i, 0, column], slopes[s, i, 1, column] = y * w - z * v, z * u - x * w
+                if blocks.n_dims == 3:
+                    slopes[s, i, 2, column] = x * v - y * u
     return slopes

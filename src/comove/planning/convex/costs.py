@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.model.motion import CoordinatedMotion
@@ -20,8 +22,105 @@ class Pulling(Protocol):
     def pull(self, taught: bool) -> float: ...
 
 
+class Moves(NamedTuple):
+    """The derivatives of the hands by variables: each is the weight of a basis function in a column.
+
+    Attributes
+    ----------
+    slopes : array, shape (n_samples, n_hands * n_dims, n_columns), derivatives of the hands by the columns
+    shape : array, shape (n_samples, n_basis), values of the basis functions
+    even : array of bool, shape (n_columns,), whether a column moves the hands alike at all samples
+    """
+
+    slopes: Array
+    shape: Array
+    even: NDArray[np.bool_]
+
+
+class Term(NamedTuple):
+    """A sum of squares of ``scale (D P hands - target)``, where D takes differences in time.
+
+    Attributes
+    ----------
+    order : 0, 1 or 3, order of the derivative (see `differences`)
+    scale : factor of the residuals
+    target : array, shape (n_rows, n_hands * n_dims), 0 for none
+    precision : array P, shape (n_samples, n_hands * n_dims, n_hands * n_dims); None for the identity
+    """
+
+    order: int
+    scale: float
+    target: Array | float = 0.0
+    precision: Array | None = None
+
+    def residuals(self, hands: Array) -> Array:
+        """Return the residuals; array, shape (n_rows, n_hands * n_dims)."""
+        hands = hands if self.precision is None else (self.precision @ hands[:, :, None])[:, :, 0]
+        return self.scale * (differences(hands, self.order) - self.target)
+
+    def normal_equations(self, hands: Array, moves: Moves) -> tuple[Array, Array]:
+        """Return what `SumOfSquares.normal_equations` sums."""
+        slopes, shape, even = moves
+        if self.precision is not None:
+            slopes, even = self.precision @ slopes, np.zeros_like(even)
+        columns = np.argsort(~even, kind="stable")  # those that move hands evenly come first
+        n_columns, n_basis, n_even = len(even), shape.shape[1], int(even.sum())
+        first, n = n_even * n_basis, n_columns * n_basis
+        alike, others = slopes[0][:, columns[:n_even]], slopes[:, :, columns[n_even:]]
+        residuals, basis = self.residuals(hands), self.scale * differences(shape, self.order)
+        square, gradient = np.empty((n, n)), np.empty(n)
+        if n_even:
+            product = (alike.T @ alike)[:, None, :, None] * (basis.T @ basis)[:, None, :]
+            square[:first, :first] = product.reshape(first, first)
+            gradient[:first] = ((residuals @ alike).T @ basis).ravel()
+        if n_even < n_columns:
+            moved = differences(others[:, :, :, None] * shape[:, None, None, :], self.order)
+            rows = self.scale * moved.reshape(*residuals.shape, n - first)
+            flat = rows.reshape(-1, n - first)
+            square[first:, first:], gradient[first:] = flat.T @ flat, residuals.ravel() @ flat
+            across = basis.T @ (alike.T @ rows).transpose(1, 0, 2)
+            square[:first, first:] = across.reshape(first, n - first)
+            square[first:, :first] = square[:first, first:].T
+        if (columns[1:] < columns[:-1]).any():
+            back = np.argsort(columns)
+            square = square.reshape(n_columns, n_basis, n_columns, n_basis)[back][:, :, back].reshape(n, n)
+            gradient = gradient.reshape(n_columns, n_basis)[back].ravel()
+        return square, gradient
+
+
+class SumOfSquares(ABC):
+    """A cost that is a sum of squares of the hands at even samples of a motion, plus a cost of its pace."""
+
+    haste: float
+    """Cost of a pace of 1, as `Limits.pace` counts; 0 if limits must be kept in the given duration."""
+
+    @abstractmethod
+    def terms(self, n_samples: int) -> tuple[Term, ...]:
+        """Return the sums of squares whose sum it is."""
+
+    def value(self, hands: Array) -> float:
+        """Return the sum for hands, array of shape (n_samples, n_hands * n_dims)."""
+        return float(sum((term.residuals(hands) ** 2).sum() for term in self.terms(len(hands))))
+
+    def normal_equations(self, hands: Array, moves: Moves) -> tuple[Array, Array]:
+        """Return the matrix and the vector of the normal equations.
+
+        Derivatives are products in which most columns, as those of centres, do not depend on time: their blocks are
+        products of small matrices (Kronecker).
+
+        Returns
+        -------
+        array, shape (n_columns * n_basis, n_columns * n_basis), Gram matrix of the derivatives of the residuals
+        array, shape (n_columns * n_basis,), half the gradient of the sum
+        """
+        squares, gradients = zip(
+            *(term.normal_equations(hands, moves) for term in self.terms(len(hands))), strict=True
+        )
+        return sum(squares[1:], squares[0]), sum(gradients[1:], gradients[0])
+
+
 @dataclass(frozen=True, eq=False)
-class JerkCost:
+class JerkCost(SumOfSquares):
     """The integral of the squared jerk of all hands, relative to that of straight motions of least jerk.
 
     With a demonstration, the jerk is that of the deviation from it, and `pull` times the mean squared deviation,
@@ -35,7 +134,7 @@ class JerkCost:
     precision : array, shape (n_samples, n_hands * n_dims, n_hands * n_dims), root of the relative precision (see
         `planning.resemblance`); None for equal weights
     weight : factor of the whole cost
-    haste : cost of a pace of 1 (see `programme.QuadraticCost`)
+    haste : cost of a pace of 1
     """
 
     way: float
@@ -45,41 +144,21 @@ class JerkCost:
     weight: float = 1.0
     haste: float = 0.0
 
-    def residuals(self, hands: Array) -> Array:
-        """Return the residuals of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
-        scale, jerk = self._scale(len(hands)), third_differences(hands)
+    def terms(self, n_samples: int) -> tuple[Term, ...]:
+        """Return jerk and deviation."""
+        jerk = np.sqrt(self.weight / (720.0 * self.way**2 * (n_samples - 1)))
         if self.demonstration is None:
-            return scale * jerk.ravel()
+            return (Term(3, jerk),)
         taught = third_differences(self.demonstration)
         taught[:2] = taught[-2:] = 0.0  # it need not rest at its ends
-        away = self._pull(len(hands)) * self._weighted((hands - self.demonstration)[:, :, None])
-        return np.concatenate([scale * (jerk - taught).ravel(), away.ravel()])
-
-    def slopes(self, moves: Array) -> Array:
-        """Return the derivatives of the residuals by n variables.
-
-        Parameters
-        ----------
-        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
-        """
-        n_samples, _, n = moves.shape
-        rows = self._scale(n_samples) * third_differences(moves).reshape(-1, n)
-        if self.demonstration is None:
-            return rows
-        return np.concatenate([rows, self._pull(n_samples) * self._weighted(moves).reshape(-1, n)])
-
-    def _weighted(self, moves: Array) -> Array:
-        return moves if self.precision is None else self.precision @ moves
-
-    def _scale(self, n_samples: int) -> float:
-        return np.sqrt(self.weight / (720.0 * self.way**2 * (n_samples - 1)))
-
-    def _pull(self, n_samples: int) -> float:
-        return np.sqrt(self.weight * self.pull / (n_samples * self.way**2))
+        pull, aim = np.sqrt(self.weight * self.pull / (n_samples * self.way**2)), self.demonstration
+        if self.precision is not None:
+            aim = (self.precision @ aim[:, :, None])[:, :, 0]
+        return Term(3, jerk, taught), Term(0, pull, aim, self.precision)
 
 
 @dataclass(frozen=True, eq=False)
-class Anchored:
+class Anchored(SumOfSquares):
     """A cost to which the deviation of the hands from their planned positions is added.
 
     Attributes
@@ -94,24 +173,18 @@ class Anchored:
     pull: float
 
     @property
-    def haste(self) -> float:
+    def haste(self) -> float:  # type: ignore[override]  # it is only read
         """Return the `haste` of the cost."""
         return self.cost.haste
 
-    def residuals(self, hands: Array) -> Array:
-        """Return the residuals, as `JerkCost.residuals`."""
-        return np.concatenate([self.cost.residuals(hands), self._weight() * (hands - self.anchor).ravel()])
-
-    def slopes(self, moves: Array) -> Array:
-        """Return the derivatives of the residuals, as `JerkCost.slopes`."""
-        return np.concatenate([self.cost.slopes(moves), self._weight() * moves.reshape(-1, moves.shape[2])])
-
-    def _weight(self) -> float:
-        return np.sqrt(self.pull / (len(self.anchor) * self.cost.way**2))
+    def terms(self, n_samples: int) -> tuple[Term, ...]:
+        """Return those of the cost, and the deviation."""
+        weight = np.sqrt(self.pull / (n_samples * self.cost.way**2))
+        return *self.cost.terms(n_samples), Term(0, weight, self.anchor)
 
 
 @dataclass(frozen=True, eq=False)
-class PaperSquares:
+class PaperSquares(SumOfSquares):
     """J of the hands, without its term of obstacles, which are constraints here.
 
     Attributes
@@ -119,7 +192,7 @@ class PaperSquares:
     weights : c_goal, c_vel and c_res
     goal : array, shape (n_hands * n_dims,), goal of the hands [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], if resemblance to it counts; else None
-    haste : 0, as J does not depend on the duration (see `programme.QuadraticCost`)
+    haste : 0, as J does not depend on the duration
     """
 
     weights: tuple[float, float, float]
@@ -127,30 +200,11 @@ class PaperSquares:
     demonstration: Array | None = None
     haste: float = 0.0
 
-    def residuals(self, hands: Array) -> Array:
-        """Return the residuals of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
-        goal, velocity, resemblance = self._roots(len(hands))
-        parts = [goal * (hands - self.goal), velocity * np.diff(hands, axis=0)]
-        if self.demonstration is not None:
-            parts.append(resemblance * (hands - self.demonstration))
-        return np.concatenate([part.ravel() for part in parts])
-
-    def slopes(self, moves: Array) -> Array:
-        """Return the derivatives of the residuals by n variables.
-
-        Parameters
-        ----------
-        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
-        """
-        goal, velocity, resemblance = self._roots(len(moves))
-        parts = [goal * moves, velocity * np.diff(moves, axis=0)]
-        if self.demonstration is not None:
-            parts.append(resemblance * moves)
-        return np.concatenate([part.reshape(-1, moves.shape[2]) for part in parts])
-
-    def _roots(self, n: int) -> tuple[float, float, float]:
-        goal, velocity, resemblance = np.sqrt(np.array(self.weights) / n)
-        return goal, velocity * (n - 1), resemblance
+    def terms(self, n_samples: int) -> tuple[Term, ...]:
+        """Return distance from the goal, velocity and resemblance."""
+        goal, velocity, resemblance = np.sqrt(np.array(self.weights) / n_samples)
+        terms = Term(0, goal, self.goal), Term(1, velocity)
+        return terms if self.demonstration is None else (*terms, Term(0, resemblance, self.demonstration))
 
 
 def squares(
@@ -184,8 +238,23 @@ def jerk_cost(
 ) -> float:
     """Return the value of the objective for a motion; `demonstration` and `precision` as in `squares`."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_SAMPLES))[0].reshape(N_SAMPLES, -1)
-    residuals = squares(motion.scene, objective, demonstration, precision=precision).residuals(hands)
-    return float(residuals @ residuals)
+    return squares(motion.scene, objective, demonstration, precision=precision).value(hands)
+
+
+def differences(y: Array, order: int) -> Array:
+    """Return derivatives of an order by normalised time, from even samples; of order 3 as `third_differences`.
+
+    Parameters
+    ----------
+    y : array, shape (n_samples, ...)
+
+    Returns
+    -------
+    array, shape (n_rows, ...)
+    """
+    if order == 3:
+        return third_differences(y)
+    return np.diff(y, n=order, axis=0) * (len(y) - 1) ** order if order else y
 
 
 def third_differences(y: Array) -> Array:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.arrays import Array, Integers
+from comove.compiled import kernel
 from comove.model.scene import Scene
-from comove.planning.convex.costs import third_differences
+from comove.planning.convex.costs import Moves, differences
 
 
 @dataclass(frozen=True)
@@ -61,29 +63,22 @@ class Limits:
         """Return the relative excess over each limit, summed over the limits."""
         return float(sum(max(ratio.max() - 1.0, 0.0) for _, ratio in self._ratios(hands)))
 
-    def linear(self, hands: Array, moves: Array, pace: float = 1.0) -> LinearLimits:
+    def linear(self, hands: Array, moves: Moves, pace: float = 1.0) -> LinearLimits:
         """Return the limits, linearised in a change of the variables.
 
         Parameters
         ----------
-        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by n variables
+        moves : derivatives of the hands by n variables
         pace : number of durations that the movement takes
         """
-        rates, slopes, slower, limits = [], [], [], []
-        for order, share, value in self._finite():
-            rates.append(_rate(hands, order).reshape(-1, self.n_dims) / (share * value))
-            slopes.append(_rate(moves, order).reshape(-1, self.n_dims, moves.shape[2]) / (share * value))
-            slower.append(np.full(len(rates[-1]), order * pace ** (order - 1)))
-            limits.append(np.full(len(rates[-1]), pace**order))
-        if not rates:
-            none = np.zeros((0, self.n_dims))
-            return LinearLimits(none, np.zeros((*none.shape, moves.shape[2])), none[:, 0], none[:, 0])
-        return LinearLimits(*map(np.concatenate, (rates, slopes, slower, limits)))
+        finite = [(order, share * value) for order, share, value in self._finite()]
+        orders, scales = np.array([o for o, _ in finite], dtype=np.int64), np.array([v for _, v in finite])
+        return LinearLimits(self.n_dims, hands, moves, orders, scales, pace)
 
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
         """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""
         for order, share, value in self._finite():
-            rate = _rate(hands, order)
+            rate = differences(hands, order)
             size = np.linalg.norm(rate.reshape(len(rate), -1, self.n_dims), axis=2)
             yield order, size / (share * value)
 
@@ -95,19 +90,23 @@ class Limits:
 
 
 class LinearLimits(NamedTuple):
-    """Linearised rates ``rates + slopes dz``, whose norms may reach ``limits + slower dp`` if the pace grows by dp.
+    """Linearised rates, whose norms may reach ``(pace + dp)^order`` times their limit if the pace grows by dp.
 
     Attributes
     ----------
-    rates : array, shape (n, n_dims), rates divided by their limits
-    slopes : array, shape (n, n_dims, n_variables), derivatives of `rates` by the variables
-    limits, slower : arrays, shape (n,), largest norms of the rates at the present pace, and their derivatives by it
+    n_dims : number of dimensions of a hand
+    hands : array, shape (n_samples, n_hands * n_dims) [m]
+    moves : derivatives of the hands by the variables
+    orders, values : arrays, shape (n_limits,), orders of the limited rates, and their limits
+    pace : number of durations that the movement takes
     """
 
-    rates: Array
-    slopes: Array
-    slower: Array
-    limits: Array
+    n_dims: int
+    hands: Array
+    moves: Moves
+    orders: Integers
+    values: Array
+    pace: float
 
     def cuts(self, dz: Array, dp: float, share: float) -> tuple[Array, Array]:
         """Return half-spaces that contain all changes within the limits, for rates above a share of them at a trial.
@@ -116,18 +115,71 @@ class LinearLimits(NamedTuple):
         -------
         rows, bounds : arrays, shapes (n, n_variables) and (n,), of ``rows dz + dp >= bounds``
         """
-        rates = self.rates + (self.slopes.reshape(-1, len(dz)) @ dz).reshape(self.rates.shape)
-        square = np.einsum("kd,kd->k", rates, rates)
-        bound = np.maximum(share * (self.limits + self.slower * dp), 0.0)
-        at = np.flatnonzero(square > bound**2)
-        size = np.sqrt(square[at])
-        unit = rates[at] / size[:, None]
-        rows = -np.einsum("kd,kdn->kn", unit, self.slopes[at]) / self.slower[at][:, None]
-        return rows, (size - self.limits[at]) / self.slower[at] + rows @ dz
+        if not len(self.orders):
+            return np.zeros((0, len(dz))), np.zeros(0)
+        slopes, shape, _ = self.moves
+        return _cuts(
+            self.n_dims, self.hands, slopes, shape, self.orders, self.values, self.pace, dz, dp, share
+        )
 
 
-def _rate(y: Array, order: int) -> Array:
-    """Return derivatives of order 1, 2 or 3 in unit duration, by differences; order 3 as `third_differences`."""
-    if order == 3:
-        return third_differences(y)
-    return np.diff(y, n=order, axis=0) * (len(y) - 1) ** order
+STENCILS = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
+
+
+@kernel
+def _stencil(order, row, n_samples):
+    """Return the first sample, the number of samples and the sign of a row of `differences`."""
+    if order < 3:
+        return row, order + 1, 1.0
+    if row == 0:
+        return 0, 3, 1.0
+    return (n_samples - 3, 3, -1.0) if row == n_samples - 2 else (row - 1, 4, 1.0)
+
+
+@kernel
+def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
+    """Return what `LinearLimits.cuts` does."""
+    (n_samples, width), n_columns, n_basis = hands.shape, slopes.shape[2], shape.shape[1]
+    there, rates = hands.copy(), np.empty((orders.shape[0], n_samples - 1, width))
+    for s in range(n_samples):
+        for c in range(n_columns):
+            change = 0.0
+            for k in range(n_basis):
+                change += shape[s, k] * dz[c * n_basis + k]
+            for h in range(width):
+                there[s, h] += slopes[s, h, c] * change
+    active, n = np.empty((rates.size // n_dims, 3), dtype=np.int64), 0
+    for o in range(orders.shape[0]):
+        scale, bound = (n_samples - 1.0) ** orders[o] / values[o], pace ** orders[o]
+        bound = max(share * (bound + orders[o] * pace ** (orders[o] - 1) * dp), 0.0)
+        for row in range(n_samples - (2 if orders[o] == 2 else 1)):
+            first, count, sign = _stencil(orders[o], row, n_samples)
+            for h in range(width):
+                rates[o, row, h] = 0.0
+                for j in range(count):
+                    rates[o, row, h] += sign * scale * STENCILS[count - 2, j] * there[first + j, h]
+            for h in range(0, width, n_dims):
+                square = 0.0
+                for d in range(h, h + n_dims):
+                    square += rates[o, row, d] ** 2
+                if square > bound**2:
+                    active[n, 0], active[n, 1], active[n, 2] = o, row, h
+                    n += 1
+    rows, bounds = np.zeros((n, n_columns * n_basis)), np.empty(n)
+    for r in range(n):
+        o, row, h = active[r]
+        first, count, sign = _stencil(orders[o], row, n_samples)
+        scale, slower = sign * (n_samples - 1.0) ** orders[o] / values[o], orders[o] * pace ** (orders[o] - 1)
+        size = sqrt((rates[o, row, h : h + n_dims] ** 2).sum())
+        for j in range(count):
+            for c in range(n_columns):
+                along = 0.0
+                for d in range(h, h + n_dims):
+                    along += rates[o, row, d] / size * slopes[first + j, d, c]
+                along *= scale * STENCILS[count - 2, j] / slower
+                for k in range(n_basis):
+                    rows[r, c * n_basis + k] -= along * shape[first + j, k]
+        bounds[r] = (size - pace ** orders[o]) / slower
+        for k in range(rows.shape[1]):
+            bounds[r] += rows[r, k] * dz[k]
+    return rows, bounds

@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array, Integers
+from comove.compiled import kernel
+from comove.planning.convex.costs import SumOfSquares
 from comove.planning.convex.limits import LinearLimits
-from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost, Seen
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, Seen
 from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 from comove.planning.convex.warp import warped
 
@@ -43,7 +45,7 @@ class ConvexOutcome:
 
 def optimise(
     programme: ConvexProgramme,
-    cost: QuadraticCost,
+    cost: SumOfSquares,
     z: Array,
     settings: ConvexSettings,
     reference: Array | None = None,
@@ -158,7 +160,7 @@ class Step(NamedTuple):
 
 def stand(
     p: ConvexProgramme,
-    cost: QuadraticCost,
+    cost: SumOfSquares,
     z: Array,
     settings: ConvexSettings,
     radius: float,
@@ -168,39 +170,34 @@ def stand(
     q = p.coarse.q(z)
     nodes, hands = p.hands(q)
     moves = p.moves_of_hands(q, nodes)
-    residuals = np.concatenate([cost.residuals(hands), p.gauge(q, settings.gauge)])
-    slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
-    square = slopes.T @ slopes
+    square, gradient = cost.normal_equations(hands, moves)
+    lengths, rows = p.gauge(q, settings.gauge), p.moves_of_gauge(q, settings.gauge)
+    square, gradient = square + rows.T @ rows, gradient + rows.T @ lengths
     square.flat[:: p.n + 1] += 1e-9 * np.trace(square) / p.n
-    # All by numpy: its threads and those of scipy would delay each other for longer than the work takes.
     whiten = inverse_of_lower(np.linalg.cholesky(square))
-    gradient = whiten @ (slopes.T @ residuals)
+    gradient = whiten @ gradient
     own = p.fine.q(z)
     cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
     seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
     missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
     pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
-    value = float(residuals @ residuals) + cost.haste * pace
+    value = cost.value(hands) + float(lengths @ lengths) + cost.haste * pace
     wish = _wish(p, seen, settings)
     limits = p.limits.linear(hands, moves, pace)
     return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
 
 
-def inverse_of_lower(lower: Array, whole: int = 64) -> Array:
-    """Return the inverse of a lower triangular matrix, by halves: of large ones in half the time that numpy takes.
-
-    Parameters
-    ----------
-    lower : array, shape (n, n)
-    whole : number of rows up to which it is inverted as a whole
-    """
-    n, half = len(lower), len(lower) // 2
-    if n <= whole:
-        return np.asarray(np.linalg.inv(lower), dtype=float)
+@kernel
+def inverse_of_lower(lower):
+    """Return the inverse of a lower triangular matrix, array of shape (n, n)."""
     inverse = np.zeros_like(lower)
-    above, below = inverse_of_lower(lower[:half, :half]), inverse_of_lower(lower[half:, half:])
-    inverse[:half, :half], inverse[half:, half:] = above, below
-    inverse[half:, :half] = -below @ (lower[half:, :half] @ above)
+    for i in range(lower.shape[0]):
+        for k in range(i):
+            for j in range(k + 1):
+                inverse[i, j] -= lower[i, k] * inverse[k, j]
+        inverse[i, i] = 1.0
+        for j in range(i + 1):
+            inverse[i, j] /= lower[i, i]
     return inverse
 
 
@@ -226,7 +223,7 @@ def _further(
 
 
 def step(
-    p: ConvexProgramme, cost: QuadraticCost, here: Stand, settings: ConvexSettings, radius: float, mu: float
+    p: ConvexProgramme, cost: SumOfSquares, here: Stand, settings: ConvexSettings, radius: float, mu: float
 ) -> Step | None:
     """Compute a step, corrected where its trial comes too near; None if a programme has no solution."""
     need = p.need(settings)

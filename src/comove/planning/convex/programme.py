@@ -23,6 +23,7 @@ from comove.planning.convex.contacts import (
     linearised,
     moved_load,
 )
+from comove.planning.convex.costs import Moves, SumOfSquares
 from comove.planning.convex.leaning import Leaning
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
@@ -30,29 +31,6 @@ from comove.planning.convex.quadratic import QuadraticSettings
 
 FOLLOWED = 2  # samples of which one is looked at by what follows
 GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
-
-
-class QuadraticCost(Protocol):
-    """A cost that is a sum of squares of the hands at even samples of a motion, plus a cost of its pace.
-
-    Attributes
-    ----------
-    haste : cost of a pace of 1, as `Limits.pace` counts; 0 if limits must be kept in the given duration
-    """
-
-    @property
-    def haste(self) -> float: ...
-
-    def residuals(self, hands: Array) -> Array:
-        """Return the residuals of hands, array of shape (n_samples, n_hands * n_dims)."""
-
-    def slopes(self, moves: Array) -> Array:
-        """Return the derivatives of the residuals by n variables.
-
-        Parameters
-        ----------
-        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
-        """
 
 
 @dataclass(frozen=True)
@@ -259,6 +237,8 @@ class ConvexProgramme:
         ]
         n_free = coordinates.n_columns if self.free is None else self.free.shape[1]
         self.n = n_free * basis.n_basis
+        is_center = np.isin(np.arange(coordinates.n_columns), coordinates.blocks.center[:, : scene.n_dims])
+        self.even = is_center if self.free is None else np.logical_not(self.free[~is_center].any(axis=0))
         at = np.linspace(0, n_fine - 1, max(24, int(1.2 * basis.n_basis)) + 2).astype(int)[1:-1]
         self.watched = at
         self.scale = np.tile(_scale(coordinates), len(at))
@@ -325,10 +305,8 @@ class ConvexProgramme:
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
 
-    def moves_of_hands(self, q: Array, nodes: Array) -> Array:
+    def moves_of_hands(self, q: Array, nodes: Array) -> Moves:
         """Return derivatives of hands at coarse samples by the shape weights.
-
-        Array, shape (n_samples, n_hands * n_dims, n_free * n_basis) [m].
 
         Parameters
         ----------
@@ -337,16 +315,15 @@ class ConvexProgramme:
         n_hands = len(self.scene.manipulators)
         slopes = hand_slopes(self.coordinates.blocks, self.load.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
-        slopes = slopes if self.free is None else slopes @ self.free
-        return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
+        return Moves(slopes if self.free is None else slopes @ self.free, self.coarse.shape, self.even)
 
-    def value(self, cost: QuadraticCost, z: Array, gauge: float) -> tuple[float, Array]:
+    def value(self, cost: SumOfSquares, z: Array, gauge: float) -> tuple[float, Array]:
         """Return the cost at shape weights `z`, with a gauge of weight `gauge`, and the hands at coarse samples."""
         q = self.coarse.q(z)
         _, hands = self.hands(q)
-        residuals, lengths = cost.residuals(hands), self.gauge(q, gauge)
+        lengths = self.gauge(q, gauge)
         hasty = cost.haste * self.limits.pace(hands) if cost.haste > 0 else 0.0
-        return float(residuals @ residuals + lengths @ lengths) + hasty, hands
+        return cost.value(hands) + float(lengths @ lengths) + hasty, hands
 
     def gauge(self, q: Array, weight: float) -> Array:
         """Return the weighted differences of directions and quaternions from unit length, at some of the samples."""
@@ -367,7 +344,7 @@ class ConvexProgramme:
             rows.append(self.of_free(row).reshape(len(p), -1))
         return np.concatenate(rows)
 
-    def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: QuadraticCost) -> float:
+    def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: SumOfSquares) -> float:
         """Return how far margins and limits are missed beyond the tolerance, as a sum over owners and limits [m].
 
         If the pace is given, an excess over limits counts as `ConvexSettings.limit` says; else limits do not count.

@@ -12,10 +12,11 @@ from functools import lru_cache
 import numpy as np
 
 from comove.arrays import Array
-from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
+from comove.planning.convex.costs import Moves, SumOfSquares
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 
 
-def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: ConvexSettings) -> Array:
+def warped(programme: ConvexProgramme, cost: SumOfSquares, z: Array, settings: ConvexSettings) -> Array:
     """Return the weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z`.
 
     Time is shifted by a sum of waves ``sin(k pi t)`` that minimises the cost with linearised residuals.
@@ -25,8 +26,8 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     warp = settings.warp
     value, hands = programme.value(cost, z, settings.gauge)
     speed = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
-    slopes = cost.slopes(speed[:, :, None] * _waves(len(hands), warp.n_waves)[:, None, :])
-    square, gradient = slopes.T @ slopes, slopes.T @ cost.residuals(hands)
+    moves = Moves(speed[:, :, None], _waves(len(hands), warp.n_waves), np.zeros(1, dtype=bool))
+    square, gradient = cost.normal_equations(hands, moves)
     order = np.arange(1, warp.n_waves + 1)
     square[np.diag_indices(len(order))] += warp.smooth * np.trace(square) / len(order) * (np.pi * order) ** 2
     heights = -np.linalg.solve(square, gradient)

@@ -1,0 +1,39 @@
+"""Normal equations say what a sum of squares becomes, exactly, as it is quadratic in the hands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from comove.planning.convex.costs import Anchored, JerkCost, Moves, PaperSquares
+
+N_SAMPLES, N_HANDS, N_COLUMNS, N_BASIS = 11, 4, 5, 3
+EVEN = np.array([True, False, True, False, True])  # columns of two bodies: their centres lie apart
+
+
+def drawn(*shape):
+    return np.random.default_rng(shape).standard_normal(shape)
+
+
+PRECISE = JerkCost(1.0, drawn(N_SAMPLES, N_HANDS), 1e3, drawn(N_SAMPLES, N_HANDS, N_HANDS))
+COSTS = {
+    "jerk": JerkCost(0.7, weight=2.0),
+    "demonstration": replace(PRECISE, precision=None),
+    "precision": PRECISE,
+    "anchored": Anchored(JerkCost(0.7), drawn(N_SAMPLES, N_HANDS), 1e4),
+    "equation 4": PaperSquares((1.0, 0.1, 0.5), drawn(N_HANDS), drawn(N_SAMPLES, N_HANDS)),
+}
+
+
+@pytest.mark.parametrize(
+    "even", [EVEN, ~EVEN, EVEN & False, EVEN | True], ids=["some", "others", "none", "all"]
+)
+@pytest.mark.parametrize("cost", COSTS.values(), ids=COSTS)
+def test_normal_equations_are_the_value_after_any_change(cost, even):
+    slopes, shape = drawn(N_SAMPLES, N_HANDS, N_COLUMNS), drawn(N_SAMPLES, N_BASIS)
+    slopes[:, :, even] = slopes[:1, :, even]
+    moves, hands, dz = Moves(slopes, shape, even), drawn(N_SAMPLES, N_HANDS), drawn(N_COLUMNS * N_BASIS)
+    square, gradient = cost.normal_equations(hands, moves)
+    there = hands + np.einsum("shc,sk,ck->sh", slopes, shape, dz.reshape(N_COLUMNS, N_BASIS))
+    change = cost.value(there) - cost.value(hands)
+    assert 2 * gradient @ dz + dz @ square @ dz == pytest.approx(change, rel=1e-9)
