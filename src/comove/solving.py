@@ -14,6 +14,7 @@ from comove.model.scene import Scene
 from comove.planning.arguments import check_scene
 from comove.planning.clock import Budget
 from comove.planning.displays import displayed
+from comove.planning.effort import EffortLevel, EffortName
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives import Criterion, Samples
@@ -40,6 +41,7 @@ def solve(
     constraints: Sequence[Callable[[Samples], object]] = (),
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
+    effort: EffortName | EffortLevel = "normal",
     begin: Joints | None = None,
     present: Joints | None = None,
     approach: bool = False,
@@ -89,6 +91,9 @@ def solve(
         the motion of least cost is returned, verified or not.
     checks
         Further checks that a motion must pass to be verified.
+    effort
+        How hard the search tries to better a verified motion: "quick" makes one path smooth, "normal" several,
+        "thorough" three times as many; or an `EffortLevel`. For comove's own method.
     begin
         The robot's joints at the start, where it holds the payload already: the motion begins there. Some that suit
         are found unless given, and wherever the scene leaves the grasp open. As `present`, by name or an array.
@@ -130,7 +135,13 @@ def solve(
         "found": found,
     }
     own = {"constraints": constraints or None, "objective": objective if callable(objective) else None}
-    wanted: dict[str, Any] = {"demonstration": demonstration, "seed": seed, "checks": checks, "stop": stop}
+    wanted: dict[str, Any] = {
+        "demonstration": demonstration,
+        "seed": seed,
+        "checks": checks,
+        "effort": effort,
+    }
+    wanted["stop"] = stop
     with displayed(progress, budget) as tell:
         wanted |= {"method": method, "budget": budget, "objective": objective, "progress": tell or None}
         if (arms := robot_of(scene, robot)) is None:

@@ -296,3 +296,25 @@ def test_a_sweep_is_all_combinations_and_seeds_can_be_added(tmp_path):
 def test_errors_of_sweeps(tmp_path, changes, told):
     with pytest.raises(SceneError, match=told):
         Sweep.load(swept(tmp_path, **changes))
+
+
+def test_a_study_says_how_hard_to_search(tmp_path):
+    """Studies that say nothing keep their episodes: the description, of which keys are made, is the same."""
+    text = (
+        (EXAMPLES / "planar.yaml")
+        .read_text(encoding="utf-8")
+        .replace("posts.yaml", str(EXAMPLES / "posts.yaml"))
+    )
+    studies = {}
+    for name, more in {
+        "plain": "",
+        "normal": "effort: normal\n",
+        "quick": "effort: quick\ngain: 0.05\n",
+    }.items():
+        (tmp_path / name).write_text(text + more, encoding="utf-8")
+        studies[name] = Study.load(tmp_path / name)
+    assert studies["plain"].described == studies["normal"].described
+    assert studies["quick"].described["effort"] == {"ways": 1, "gain": 0.05, "patience": 1}
+    (tmp_path / "wrong").write_text(text + "effort: hard\n", encoding="utf-8")
+    with pytest.raises(SceneError, match="quick"):
+        Study.load(tmp_path / "wrong")

@@ -27,6 +27,14 @@ class ObstacleMode(StrEnum):
     cost = "cost"
 
 
+class EffortMode(StrEnum):
+    """How hard a search tries to better a verified motion."""
+
+    quick = "quick"
+    normal = "normal"
+    thorough = "thorough"
+
+
 @verb
 def solve(
     scene: o.SceneFile,
@@ -82,6 +90,13 @@ def solve(
             "what SCENE says. Of several recordings the motion keeps to what they agree in."
         ),
     ] = None,
+    effort: Annotated[
+        EffortMode,
+        typer.Option(
+            help="How hard the search tries to better a verified motion: 'quick' makes one path smooth, 'normal' "
+            "several, 'thorough' three times as many."
+        ),
+    ] = EffortMode.normal,
     robot: o.RobotName = None,
     hands_alone: o.HandsAlone = False,
     *,
@@ -157,6 +172,7 @@ def solve(
                 budget=budget,
                 objective=wanted,
                 obstacles=obstacles.value,
+                effort=effort.value,
                 progress=progress,
                 **of_robot,
             )

@@ -35,6 +35,7 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning import Budget, movements_of
 from comove.planning.clock import now
+from comove.planning.effort import NORMAL, EffortLevel
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.robots import (
@@ -123,12 +124,14 @@ class Carrying:
     method : method of the search; comove's own unless given
     simulation : how the joints are simulated; None if they are not
     cameras : cameras that look at the simulation; None without pictures
+    effort : how hard the search tries to better a verified motion
     """
 
     budget: float
     method: Method | None = None
     simulation: SimulationPart | None = None
     cameras: CamerasPart | None = None
+    effort: EffortLevel = NORMAL
 
 
 def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
@@ -148,6 +151,7 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
             seed=run.seed,
             method=how.method,
             budget=Budget.of(how.budget, option=OPTION),
+            effort=how.effort,
             found=lambda motion: firsts.append(now() - begun),
         )
         run = measured(run, found)

@@ -26,6 +26,7 @@ from comove.model.files.keys import canonical
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning import Budget, Solution, solve
+from comove.planning.effort import NORMAL, EffortLevel
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.results.solution import CURVE, motion_arrays, rebuild
@@ -37,7 +38,9 @@ OPTION = "budget:"  # of a study, in words
 DAMAGED = "copy the store again, or generate the episode again in a new folder"
 
 
-def solved_run(run: StudyRun, scene: Scene, method: Method, budget: float) -> Made:
+def solved_run(
+    run: StudyRun, scene: Scene, method: Method, budget: float, effort: EffortLevel = NORMAL
+) -> Made:
     """Solve a scene, along the demonstration that it names; return the row of the run, and its verified motion.
 
     Parameters
@@ -48,7 +51,14 @@ def solved_run(run: StudyRun, scene: Scene, method: Method, budget: float) -> Ma
 
     def search(run: StudyRun) -> Made:
         bounds = Budget.of(budget, option=OPTION)
-        solution = solve(scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=bounds)
+        solution = solve(
+            scene,
+            demonstration=movement_of(scene),
+            seed=run.seed,
+            method=method,
+            budget=bounds,
+            effort=effort,
+        )
         motion = stored(run.key, solution.attempt) if solution.verified else None
         return measured(run, solution), motion
 

@@ -6,7 +6,7 @@ import copy
 import hashlib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -40,6 +40,7 @@ from comove.model.demonstration import LIBRARY
 from comove.model.files.keys import READING
 from comove.model.scene import Scene
 from comove.planning import Comove
+from comove.planning.effort import NORMAL, EffortLevel
 
 Model = TypeVar("Model", bound=Part)
 
@@ -249,6 +250,12 @@ class Study:
         """Return the time for each episode [s]."""
         return self.file.budget
 
+    @property
+    def effort(self) -> EffortLevel:
+        """Return how hard each search tries to better a verified motion."""
+        given = {name: value for name in ("ways", "gain") if (value := getattr(self.file, name)) is not None}
+        return replace(EffortLevel.of(self.file.effort), **given)
+
     @cached_property
     def described(self) -> dict[str, Any]:
         """Return what the episodes follow from, in plain data: all but their number, of which none depends."""
@@ -260,6 +267,8 @@ class Study:
             "seed": self.file.seed,
             "budget": self.file.budget,
         }
+        if self.effort != NORMAL:
+            described["effort"] = asdict(self.effort)
         return described | (self._described_robot() if self.on_robot else {})
 
     def _described_robot(self) -> dict[str, Any]:
@@ -343,10 +352,10 @@ class Study:
         if drawn.scene is None:
             return replace(run, status="invalid", reason=drawn.reason), None
         if not self.on_robot:
-            return solved_run(run, drawn.scene, Comove(), self.budget)
+            return solved_run(run, drawn.scene, Comove(), self.budget, self.effort)
         from comove.data.carried import Carrying, carried_run
 
-        how = Carrying(self.budget, None, self.file.simulate, self.file.cameras)
+        how = Carrying(self.budget, None, self.file.simulate, self.file.cameras, self.effort)
         return carried_run(run, drawn.scene, how)
 
     def require(self) -> None:

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from comove.data.cameras import CamerasPart
 from comove.io.keys import Contract, Part, Positive, Wrong, as_tuple, at_least, safe_name, show
+from comove.planning.effort import EffortName
 
 MAX_EPISODES = 10_000_000
 SOURCES = ("uniform", "normal", "choice", "library", "recordings")
@@ -150,6 +151,12 @@ class StudyFile(Part):
     seed: Annotated[int, Field(ge=0)] = 0
     budget: Positive = 30.0
     """Time for each episode [s]."""
+    effort: EffortName = "normal"
+    """How hard each search tries to better a verified motion."""
+    ways: Annotated[int, Field(ge=1)] | None = None
+    """Paths that are made smooth at most; what `effort` says unless given."""
+    gain: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """Relative gain below which steps of the optimisation count as none; what `effort` says unless given."""
     simulate: SimulationPart | None = None
     """How the episodes of a robot are simulated; they are not unless given."""
     cameras: CamerasPart | None = None

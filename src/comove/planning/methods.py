@@ -290,7 +290,9 @@ class Comove(Method):
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
         dear = limited or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
-        while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
+        n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
+        n_ways = search.level.ways or n_ways
+        while tried < n_ways and idle < n_idle and met < n_met:
             if idle >= self.settings.hasty_idle and (
                 hasty or (search.found.best is None and search.found.needed < np.inf)
             ):

@@ -23,6 +23,7 @@ from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import MESH_WORK, SOLID_WORK
 from comove.planning.convex.limits import Limits
+from comove.planning.effort import NORMAL, EffortLevel
 from comove.planning.kinematics import CERTIFIED, FREE, Kinematics
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import Criterion, OwnFunctions, PaperCost, Samples
@@ -194,6 +195,7 @@ class Search:
         it is the scene that is searched
     checks : further checks that a motion must pass, on the scene of the caller
     kinematics : what moves the end effectors
+    level : how hard it tries to better a motion
     clock, found, journal : bounds and what was spent of them, the best motions, and what is told of the search
     """
 
@@ -207,6 +209,7 @@ class Search:
     asked: Scene | None = None
     checks: Sequence[Check] = ()
     kinematics: Kinematics = FREE
+    level: EffortLevel = NORMAL
     clock: SearchClock = field(default_factory=SearchClock)
     found: Found = field(default_factory=Found)
     journal: Journal = field(default_factory=Journal)

@@ -158,7 +158,7 @@ def _verified(
 ) -> bool:
     """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
     smooth = search.aim.smoothness
-    settings = replace(smoothing.convex, wish=smooth.wish)
+    settings = replace(_convex(search, smoothing), wish=smooth.wish)
     cost = _squares(search, smooth, len(programme.coarse.base))
     if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
         even = replace(cost, precision=None)
@@ -199,7 +199,7 @@ def _carried(
     anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
     aim = search.aim.smoothness
     taught, smooth = _squares(search, aim, len(anchor)), squares(search.scene, aim, None, len(anchor))
-    settings, found = replace(smoothing.convex, wish=aim.wish), False
+    settings, found = replace(_convex(search, smoothing), wish=aim.wish), False
     along: Array | None = reference
     at: Array | None = None
     if search.found.best is None and not search.paced:
@@ -308,7 +308,7 @@ def hurry(
     if not (jerk > 0 and pace > 0):
         return False
     cost = replace(gentle, weight=smoothing.gentle / jerk, haste=1.0 / pace)
-    settings = replace(smoothing.convex, wish=0.0, most=smoothing.faster)
+    settings = replace(_convex(search, smoothing), wish=0.0, most=smoothing.faster)
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         motion = programme.motion(z)
@@ -330,6 +330,12 @@ def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
         return False
     search.found.needed = min(slower.scene.duration, search.found.needed)
     return True
+
+
+def _convex(search: Search, smoothing: SmoothingSettings) -> ConvexSettings:
+    """Return the settings of a search's programmes, which end as its effort says."""
+    settings, gain = smoothing.convex, search.level.gain
+    return settings if gain is None else replace(settings, gain=gain)
 
 
 def _stricter(settings: ConvexSettings, attempt: int, smoothing: SmoothingSettings) -> ConvexSettings:

@@ -34,6 +34,7 @@ from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
 from comove.planning.displays import displayed
+from comove.planning.effort import NORMAL, EffortLevel, EffortName
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.kinematics import FREE, Kinematics
 from comove.planning.method import Method
@@ -74,6 +75,7 @@ def solve(
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
     kinematics: Kinematics = FREE,
+    effort: EffortName | EffortLevel = "normal",
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Solution:
@@ -84,7 +86,7 @@ def solve(
     kinematics
         What moves the end effectors and so limits their motions, such as `comove.robots.RobotCarrier`; motions must
         also pass its own check. Free end effectors unless given.
-    demonstration, seed, method, planner, budget, objective, constraints, obstacles, checks, progress, stop
+    demonstration, seed, method, planner, budget, objective, constraints, obstacles, checks, effort, progress, stop
         As for `comove.solve`.
 
     Raises
@@ -104,6 +106,7 @@ def solve(
         obstacles=obstacles,
         checks=checks,
         kinematics=kinematics,
+        effort=effort,
         stop=stop,
     )
     with displayed(progress, budget) as tell:
@@ -124,6 +127,7 @@ def problem_of(
     obstacles: str = "constraint",
     checks: Sequence[Check] = (),
     kinematics: Kinematics = FREE,
+    effort: EffortName | EffortLevel = "normal",
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Problem:
@@ -143,7 +147,16 @@ def problem_of(
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
     hard = obstacles == "constraint"
-    smooth = check_method(scene, method, aim, functions, planner=planner, hard=hard)
+    smooth, harder = (
+        check_method(scene, method, aim, functions, planner=planner, hard=hard),
+        EffortLevel.of(effort),
+    )
+    if not smooth and harder != NORMAL:
+        raise OptionError(
+            f"effort = {effort!r}",
+            key="effort",
+            way_out="leave it out: it needs comove's own method, a planner, and obstacles that are constraints",
+        )
     if aim is None:
         aim = _default_objective(scene, taught, smooth)
     if taught is not None and aim.begins_taught:
@@ -164,6 +177,7 @@ def problem_of(
         smooth,
         stop,
         precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
+        harder,
     )
 
 
@@ -209,6 +223,7 @@ class Problem:
     given_checks : checks of the caller, besides those of the kinematics
     smooth : whether motions are made smooth, by comove's own method
     precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
+    effort : how hard the search tries to better a verified motion
     """
 
     scene: Scene
@@ -226,6 +241,7 @@ class Problem:
     smooth: bool
     stop: Callable[[], bool] | None = None
     precision: Array | None = None
+    effort: EffortLevel = NORMAL
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -408,6 +424,7 @@ def _search_for(problem: Problem) -> tuple[Search, bool]:
         asked=None if scene is asked else asked,
         checks=problem.checks,
         kinematics=problem.kinematics,
+        level=problem.effort,
         clock=SearchClock(problem.budget, started, interruption=Interruption(problem.stop)),
         journal=Journal(problem.progress),
         aim=objective,

@@ -1,0 +1,64 @@
+"""What the levels of effort cost and bring: verified scenes, time, and the jerk of their motions beside "normal".
+
+    python benchmarks/effort.py SCENES [SCENES ...] [--seed 0] [--budget 30]
+
+SCENES are folders of `comove bench draw`, or scene files. Times are processor times of `comove.solve`; jerk is squared,
+of all end effectors, as a geometric mean of the ratios to that of "normal" on scenes that both verify.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from timing import print_table
+
+import comove
+from comove.planning import LeastJerk
+from comove.planning.convex.costs import jerk_cost
+from comove.planning.effort import EFFORTS
+
+
+def main() -> None:
+    """Solve every scene with every effort and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", type=Path, nargs="+")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--budget", type=float, default=30.0)
+    asked = parser.parse_args()
+    warnings.simplefilter("ignore")
+    rows = []
+    for place in asked.scenes:
+        files = sorted(place.glob("*.yaml")) if place.is_dir() else [place]
+        scenes = [comove.Scene.load(file) for file in files]
+        comove.solve(scenes[0], seed=asked.seed, budget=asked.budget)
+        tried = {
+            effort: [outcome(scene, effort, asked.seed, asked.budget) for scene in scenes]
+            for effort in EFFORTS
+        }
+        for effort, outcomes in tried.items():
+            verified, jerk, seconds = np.array(outcomes).T
+            both = (verified > 0) & (np.array(tried["normal"])[:, 0] > 0)
+            ratio = (
+                np.exp(np.log(jerk[both] / np.array(tried["normal"])[both, 1]).mean())
+                if both.any()
+                else np.nan
+            )
+            found = f"{int(verified.sum())}/{len(files)}"
+            times = f"{1e3 * np.median(seconds):.0f}", f"{seconds.sum():.1f}"
+            rows.append([place.name, effort, found, *times, f"{ratio:.3f}"])
+    print_table(["scenes", "effort", "verified", "median [ms]", "all [s]", "jerk to normal"], rows)
+
+
+def outcome(scene: comove.Scene, effort: str, seed: int, budget: float) -> tuple[bool, float, float]:
+    """Return whether the scene is solved, the jerk of its motion, and the processor time [s]."""
+    begun = time.process_time()
+    solution = comove.solve(scene, seed=seed, budget=budget, effort=effort)
+    return solution.verified, jerk_cost(solution.attempt, LeastJerk(), None), time.process_time() - begun
+
+
+if __name__ == "__main__":
+    main()
