@@ -138,7 +138,7 @@ def test_plans_are_in_time():
     carrier, coordinates, speed = RobotCarrier(robot("gantry"), scene), load_coordinates(scene), 3.0
     space, ends = configuration_space(scene, coordinates), coordinates.boundary()
     found, rng = None, np.random.default_rng(0)
-    while found is None:
+    for _ in range(20):
         found = carrier.plan_in_time(
             spacetime(scene, space),
             ends[0],
@@ -150,6 +150,9 @@ def test_plans_are_in_time():
             before=None,
             n_shortcuts=80,
         )
+        if found is not None:
+            break
+    assert found is not None
     path, times = found
     assert (times[0], times[-1]) == (0.0, 1.0) and (np.diff(times) > 0).all()
     for p, q, wait in zip(path[:-1], path[1:], np.diff(times), strict=True):
