@@ -622,8 +622,15 @@ def test_a_negative_moment_of_inertia_is_said(wrong, told, tmp_path):
         load(tmp_path, text)
 
 
-def test_a_joint_that_names_its_parent_twice_hangs_on_the_first_and_no_hand_weighs_more(tmp_path):
-    twice = two_joints().replace('<parent link="upper"/>', '<parent link="upper"/><parent link="base"/>')
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [('<parent link="upper"/>', '<parent link="base"/>'), ('<child link="upper"/>', '<child link="hand"/>')],
+)
+def test_a_joint_that_names_a_link_twice_is_read_by_the_first_and_no_hand_weighs_more(
+    first, second, tmp_path
+):
+    twice = two_joints().replace(first, first + second)
+    assert twice != two_joints()
     found, right = load(tmp_path, twice), load(tmp_path)
     assert found.arms[0].hand == right.arms[0].hand == 0.0
     q = np.array([0.3, 0.7])
