@@ -667,9 +667,11 @@ class RawRobot:
             :: max(1, len(t) // 300)
         ]:
             values = [curve(instant, order) for order in range(3)]
-            full = [part.whole(value) for value in values]
-            torque = pin.rnea(model, data, *full)[part.columns]
-            weight = pin.computeGeneralizedGravity(part.model, part.data, full[0])[part.columns]
+            rates = np.zeros((2, model.nv))
+            rates[:, part.columns] = values[1:]
+            whole = part.whole(values[0])
+            torque = pin.rnea(model, data, whole, *rates)[part.columns]
+            weight = pin.computeGeneralizedGravity(part.model, part.data, whole)[part.columns]
             if (np.abs(torque - robot.relief * weight) > self.effort * (1 + DT)).any():
                 return True
         return False

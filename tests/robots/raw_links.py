@@ -1,7 +1,7 @@
 """An independent judge of links: Pinocchio on the raw URDFs of a robot, obstacles by `tests.brute_force`.
 
-Of comove it takes where the files are, and what the description says of their bases, prefixes and tools: no reader,
-merged model, body or distance. What a description adds to the files, such as grippers, is left out.
+Of comove it takes where the files are, and what the description says of bases, prefixes, tools and joints that do not
+move: no reader, merged model, body or distance. What a description adds to the files, such as grippers, is left out.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ SHAPES = {
 
 
 class Part(NamedTuple):
-    """One file of a robot: its base, the columns of its joints among the robot's own, and in Pinocchio."""
+    """One file of a robot: its base, the columns of its joints in the robot and in Pinocchio, and joints at rest."""
 
     base: Any
     prefix: str
@@ -31,10 +31,11 @@ class Part(NamedTuple):
     bodies: Any
     own: list
     columns: list
+    rest: Any
 
     def whole(self, q):
-        """Pinocchio's configuration of joints q, array of shape (n_joints,); those of which nothing is told rest."""
-        full = pin.neutral(self.model)
+        """Pinocchio's configuration of joints q, array of shape (n_joints,)."""
+        full = self.rest.copy()
         full[self.columns] = np.asarray(q)[self.own]
         return full
 
@@ -58,8 +59,13 @@ class RawLinks:
                 if name.startswith(part.prefix) and model.existJointName(named[k])
             ]
             columns = [model.joints[model.getJointId(named[k])].idx_q for k in own]
+            rest = pin.neutral(model)
+            for name, value in robot.description.posture.items():
+                joint = name.removeprefix(part.prefix)
+                if name.startswith(part.prefix) and model.existJointName(joint):
+                    rest[model.joints[model.getJointId(joint)].idx_q] = value
             at = _pose(part.base), part.prefix
-            self.parts.append(Part(*at, model, model.createData(), bodies, own, columns))
+            self.parts.append(Part(*at, model, model.createData(), bodies, own, columns, rest))
 
     def frame(self, name, q):
         """The pose of a frame of the files, by its name with prefix; q, array of shape (n_joints,)."""
