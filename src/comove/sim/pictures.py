@@ -277,7 +277,7 @@ def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> Non
     data.qpos[world.qpos] = execution.joints[step]
     if execution.fingers is not None:
         data.qpos[world.finger_qpos] = execution.fingers[step]
-    move_obstacles(world, data, execution.scene, min(float(execution.time[step]), execution.motion.duration))
+    move_obstacles(data, execution.scene, min(float(execution.time[step]), execution.motion.duration))
     if world.load is not None:
         world.put_load(data, execution.load_pose[step])
     mj.mj_kinematics(model, data)
