@@ -154,19 +154,19 @@ def cec2006(number: int, seed: int, limit: int) -> Problem:
 
 
 def comove(problem: Problem, seed: int, method: str = "") -> None:
-    from comove import optimisers
+    from comove import optim
 
     mask = None
     if problem.h is not None:
         mask = np.arange(len(problem.h(problem.x0))) < problem.equality
-    optimisers.minimise(
+    optim.minimise(
         problem.objective,
         problem.x0,
         problem.sigma0,
         constraints=problem.constraints if problem.h is not None else None,
         equality=mask,
         bounds=None if problem.lower is None else (problem.lower, problem.upper),
-        method=getattr(optimisers, method)() if method else None,
+        method=getattr(optim, method)() if method else None,
         max_evaluations=problem.limit + 1,
         seed=seed,
         vectorized=False,

@@ -13,6 +13,7 @@ whatever stands there: a bound from below. Durations [s] hold at every instant f
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from contextlib import suppress
@@ -37,6 +38,9 @@ DRAKE_BUDGET = 120.0  # s
 
 def main() -> None:
     """Solve and print."""
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     on_one_thread()
     rows: dict[str, list[str]] = {}
     for name in NAMES:

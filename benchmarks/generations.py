@@ -9,6 +9,7 @@ To repeat: ``pip install 'comove[bench]'``, ``OMP_NUM_THREADS=1 python benchmark
 
 from __future__ import annotations
 
+import argparse
 import time
 import warnings
 from collections.abc import Callable
@@ -75,6 +76,10 @@ def mean_time(make: Callable, n: int) -> float:
 
 
 def main() -> None:
+    """Measure and print the table."""
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     warnings.simplefilter("ignore")
     print(
         f"{'n':>4} "

@@ -8,18 +8,19 @@ is the folder of a study, with the dataset and with DIR/npz, which every frame i
 
 from __future__ import annotations
 
-import sys
+import argparse
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 STATES = ("observation.state", "action")
 
 
 def main(folder: Path) -> None:
     """Read every frame, compare it, and print the greatest differences."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
     old = version("lerobot") < "0.4"
     root = folder / ("lerobot-2.1" if old else "lerobot")
     dataset = LeRobotDataset("comove/study", root=root, video_backend="pyav")
@@ -45,4 +46,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="of the study")
+    main(parser.parse_args().folder)

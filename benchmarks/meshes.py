@@ -9,8 +9,8 @@ read by comove and by trimesh. Times are of the processor.
 
 from __future__ import annotations
 
+import argparse
 import io
-import sys
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -46,10 +46,9 @@ SPECIAL = {  # name, what is in it, its format and number of triangles, and its 
 
 def main() -> None:
     """Print the table that is asked for."""
-    if sys.argv[1:] == ["readers"]:
-        read_all()
-    else:
-        decompose_all()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", nargs="?", choices=("polytopes", "readers"), default="polytopes")
+    {"polytopes": decompose_all, "readers": read_all}[parser.parse_args().what]()
 
 
 def read_all() -> None:

@@ -27,7 +27,7 @@ from statistics import median
 import numpy as np
 from timing import number, on_one_thread, print_table
 
-from comove import optimisers
+from comove import optim
 from comove.lab.evolution import Paper, Projection
 from comove.lab.examples import example
 from comove.lab.peers.common import Peer, PeerOutOfTime
@@ -68,12 +68,12 @@ class Optimised(Peer):
             return costs
 
         with suppress(PeerOutOfTime):
-            optimisers.minimise(
+            optim.minimise(
                 cost,
                 np.zeros(shapes.n),
                 SIGMA,
                 constraints=lambda points: shapes.windows(shapes.demands(shapes.hands(points))),
-                method=getattr(optimisers, self.name)(),
+                method=getattr(optim, self.name)(),
                 seed=problem.seed,
             )
         shapes.close()

@@ -1,12 +1,11 @@
-"""Time of one control step of the twist programme, and of quadratic-programme solvers on what it asks.
+"""Time of one control step of the safety filter, and of solvers on its quadratic programmes (CBF-QP).
 
-A bar of 15 load points turns and moves among 4 obstacles that move, spin and come near; what is wanted changes every
-second. A step is `Programme.allowed` and `advanced`: rows, all rounds of solving, the check of the exact step. Shown
-are quantiles over all steps, also those in which nothing is admissible because obstacles have closed in, which take
-longer.
+A payload turns and moves among 4 obstacles that move, spin and come near; the desired velocities change every second.
+A step is `SafetyFilter.allowed` and `advanced`: rows, all rounds of solving, the check of the exact step. Quantiles
+are over all steps, also those in which nothing is admissible because obstacles have closed in, which take longer.
 
-For the solvers every first programme of a step is recorded and solved alone, from arrays to solution. quadprog,
-proxsuite, piqp and osqp are measured where they are installed.
+For the solvers the first quadratic programme of every step is recorded and solved alone, from arrays to solution.
+quadprog, proxsuite, piqp and osqp are measured where they are installed.
 
 To repeat: ``python benchmarks/reaction.py [--steps 20000]``.
 """
@@ -20,19 +19,18 @@ from collections.abc import Callable
 import numpy as np
 from timing import number, on_one_thread, print_table, quantile
 
-from comove.control.safety import cbf_qp as tp
-from comove.control.safety.cbf_qp import SafetyFilter, Sighting
+from comove.control.safety.cbf_qp import HARD, SafetyFilter, Sighting
 from comove.control.safety.control_points import moved_obstacles
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.model import Scene
 
 PERIOD = 0.01  # s
 SIDE = 2.0  # m, of the workspace
-N_RECORDED = 400  # programmes for the solvers
+N_RECORDED = 400  # quadratic programmes for the solvers
 
 
 def scene_of(load: str, n_dims: int, acceleration: float | None) -> Scene:
-    """A load in the middle of a workspace with 4 obstacles."""
+    """A payload in the middle of a workspace with 4 obstacles."""
     z = [1.0] * (n_dims - 2)
     hands = {"left": [1.0, 0.85, *z], "right": [1.0, 1.15, *z]}
     carried = {"shape": "bar", "length": 0.3, "radius": 0.01, "held_by": ["left", "right"]}
@@ -70,7 +68,7 @@ def scene_of(load: str, n_dims: int, acceleration: float | None) -> Scene:
 def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
     """Times of all steps [s], and the share of steps in which nothing was admissible."""
     rng, n, n_hands = np.random.default_rng(0), len(scene.obstacles), len(scene.manipulators)
-    programme, poses = SafetyFilter(scene, PERIOD), poses_of(scene, "start")
+    safety, poses = SafetyFilter(scene, PERIOD), poses_of(scene, "start")
     before, table, after = np.zeros((n_hands, 3)), scene.obstacles.copy(), scene.obstacles.copy()
     velocity, spin = np.zeros((n, 3)), np.zeros((n, 3))
     velocity[:, : scene.n_dims] = rng.uniform(-0.2, 0.2, (n, scene.n_dims))
@@ -84,7 +82,7 @@ def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
         velocity = np.where(outward & (np.abs(table[:, 1:4] - 0.5 * SIDE) > 0.5 * SIDE), -velocity, velocity)
         sighting = Sighting(table, velocity, spin, np.full(n, 0.005))
         started = time.perf_counter()
-        allowed = programme.allowed(poses, before, wanted, sighting)
+        allowed = safety.allowed(poses, before, wanted, sighting)
         later = advanced(poses, allowed.twists, PERIOD)
         times.append(time.perf_counter() - started)
         relaxed += allowed.relaxed > 0.0
@@ -96,14 +94,14 @@ def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
 
 
 def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
-    """Programmes that have a solution and rows, as they come up on a drive."""
+    """Quadratic programmes that have a solution and rows, as they come up on a drive."""
     found: list[tuple[np.ndarray, ...]] = []
     solve = SafetyFilter._solved
 
     def record(self: SafetyFilter, m: int, *others):
         result = solve(self, m, *others)
         work = self._work
-        if result[2] == tp.HARD and m > 4:
+        if result[2] == HARD and m > 4:
             found.append(
                 (work.quadratic.copy(), work.linear.copy(), work.rows[:m].copy(), work.low[:m].copy())
             )
@@ -185,7 +183,7 @@ def main() -> None:
         shares = [number(1e6 * quantile(times, share)) for share in (0.5, 0.99, 0.999, 1.0)]
         rows.append([load, f"{n_dims}-D", acceleration or "none", *shares, f"{100 * relaxed:.2f} %"])
     print_table(
-        ["load", "", "acceleration limit", "median [us]", "99 %", "99.9 %", "most", "not admissible"], rows
+        ["payload", "", "acceleration limit", "median [us]", "99 %", "99.9 %", "most", "not admissible"], rows
     )
     print()
 
@@ -205,7 +203,14 @@ def main() -> None:
             size = f"{len(best[0])} x {int(np.median(counts))} ({max(counts)})"
             rows.append([f"{load}, {n_dims}-D", size, name, *shares, f"{error:.1e}"])
     print_table(
-        ["programmes", "variables x rows (most)", "solver", "median [us]", "99.9 %", "differs from daqp"],
+        [
+            "quadratic programmes of",
+            "variables x rows (most)",
+            "solver",
+            "median [us]",
+            "99.9 %",
+            "differs from daqp",
+        ],
         rows,
     )
 

@@ -31,11 +31,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from robots_peers_drake import by_drake
-from robots_peers_ompl import by_ompl
-from robots_peers_roboplan import RoboPlan, by_roboplan
 from robots_peers_terms import BUDGET, N_SAMPLES, Outcome, Terms, flaws
-from timing import print_head, print_row
+from timing import peer, print_head, print_row
 
 from comove import solve
 from comove.lab.bench.sets import own_scenes, scenes_of
@@ -81,9 +78,9 @@ def carried(scene: Scene, robot: Robot, seed: int) -> Outcome:
 SYSTEMS: dict[str, System] = {
     "comove": by_comove,
     "comove, clearance kept": with_clearance,
-    "RoboPlan": by_roboplan,
-    "OMPL": by_ompl,
-    "Drake": by_drake,
+    "RoboPlan": lambda terms, seed: peer("robots_peers_roboplan").by_roboplan(terms, seed),
+    "OMPL": lambda terms, seed: peer("robots_peers_ompl").by_ompl(terms, seed),
+    "Drake": lambda terms, seed: peer("robots_peers_drake").by_drake(terms, seed),
 }
 
 
@@ -112,7 +109,8 @@ def alone(terms: Terms, seed: int) -> list[tuple[float, bool]]:
     room = Room.for_ends(free, terms.scene, np.stack([start, goal]), None)
     path = way(room, start, goal, np.random.default_rng(seed))
     rows = [(time.process_time() - begun, path is not None)]
-    planner, begun = RoboPlan(terms, loaded=False), time.process_time()
+    planner = peer("robots_peers_roboplan").RoboPlan(terms, loaded=False)
+    begun = time.process_time()
     planner.scene.setJointPositions(start)
     found = planner.plan(arm.name, start[arm.columns], goal[arm.columns], seed, [])
     return [*rows, (time.process_time() - begun, found is not None)]

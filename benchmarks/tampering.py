@@ -111,19 +111,6 @@ SCENES = (STANDING, IN_SPACE)
 # --- the look at what was called verified -------------------------------------------------------------------------
 
 
-def moved(obstacle: Any, time: np.ndarray) -> np.ndarray:
-    """Offsets of an obstacle of a scene's file at times, (n_steps, n_dims), by its keys alone."""
-    motion, n_dims = obstacle.motion, len(obstacle.center)
-    if motion is None:
-        return np.zeros((len(time), n_dims))
-    if getattr(motion, "velocity", None) is not None:
-        return time[:, None] * np.array(motion.velocity)
-    if getattr(motion, "waypoints", None) is not None:
-        points = np.array(motion.waypoints) - np.array(obstacle.center)
-        return np.stack([np.interp(time, motion.times, column) for column in points.T], axis=1)
-    raise ValueError("no forger of this benchmark lets obstacles circle")
-
-
 def clearance_of(scene: Scene, time: np.ndarray, hands: np.ndarray) -> float:
     """Least distance of a bar between two hands from obstacles and border, at samples [m]."""
     from tests.brute_force import obstacle_distance
@@ -131,12 +118,12 @@ def clearance_of(scene: Scene, time: np.ndarray, hands: np.ndarray) -> float:
     radius = getattr(scene.file.load, "radius", 0.0) or 0.0
     overhang = getattr(scene.file.load, "overhang", 0.0) or 0.0
     length = np.linalg.norm(hands[0, 0] - hands[0, 1])
-    share = np.linspace(-overhang / length, 1.0 + overhang / length, 41)[:, None, None]
-    points = (1.0 - share) * hands[:, 0] + share * hands[:, 1]  # (n_share, n_steps, n_dims)
+    share = np.linspace(-overhang / length, 1.0 + overhang / length, 41)[:, None]
+    points = (1.0 - share) * hands[:, :1] + share * hands[:, 1:2]  # (n_steps, n_share, n_dims)
     lower, upper = np.array(scene.file.workspace.lower), np.array(scene.file.workspace.upper)
     least = float(min((points - lower).min(), (upper - points).min()))
     for obstacle in scene.file.obstacles:
-        least = min(least, float(obstacle_distance(obstacle, points - moved(obstacle, time)).min()))
+        least = min(least, float(obstacle_distance(obstacle, points, time).min()))
     return least - radius
 
 
@@ -638,21 +625,19 @@ def forge_joints(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 @dataclass(frozen=True)
 class RawRobot:
-    """A robot out of the raw text of its URDF, as Pinocchio reads it; comove's own reader has no part in it.
+    """A robot out of its URDF as it is installed.
 
     Attributes
     ----------
+    links : its links (`tests.robots.raw_links`)
     lower, upper, velocity, effort : limits of the joints that the raw file states
-    columns : numbers of these joints in Pinocchio's configuration
     """
 
-    model: Any
-    geometry: Any
+    links: Any
     lower: np.ndarray
     upper: np.ndarray
     velocity: np.ndarray
     effort: np.ndarray
-    columns: list[int]
 
     def over_limits(self, q: np.ndarray, t: np.ndarray) -> list[str]:
         """Return which limits samples of joints exceed."""
@@ -671,56 +656,25 @@ class RawRobot:
         import pinocchio as pin
         from scipy.interpolate import CubicSpline
 
-        model = self.model.copy()
+        (part,) = self.links.parts
+        model = part.model.copy()
         half = pin.Inertia(0.5 * (scene.file.load.mass or 0.25), np.zeros(3), np.zeros((3, 3)))
         for name in scene.manipulators:
             frame = model.frames[model.getFrameId(robot.arm(name).tip)]
             model.appendBodyToJoint(frame.parentJoint, half, frame.placement * pin.SE3(robot.arm(name).tool))
         curve, data = CubicSpline(t, q, bc_type="clamped"), model.createData()
-        unloaded = self.model.createData()
         for instant in np.interp(np.arange(7 * len(t) - 6) / 7, np.arange(len(t)), t)[
             :: max(1, len(t) // 300)
         ]:
             values = [curve(instant, order) for order in range(3)]
-            full = [self.whole(value[None])[0] for value in values]
-            torque = pin.rnea(model, data, *full)[self.columns]
-            weight = pin.computeGeneralizedGravity(self.model, unloaded, full[0])[self.columns]
+            rates = np.zeros((2, model.nv))
+            rates[:, part.columns] = values[1:]
+            whole = part.whole(values[0])
+            torque = pin.rnea(model, data, whole, *rates)[part.columns]
+            weight = pin.computeGeneralizedGravity(part.model, part.data, whole)[part.columns]
             if (np.abs(torque - robot.relief * weight) > self.effort * (1 + DT)).any():
                 return True
         return False
-
-    def whole(self, q: np.ndarray) -> np.ndarray:
-        """Return configurations of all joints of the raw file, those that are not told at 0."""
-        full = np.zeros((len(q), self.model.nq))
-        full[:, self.columns] = q
-        return full
-
-    def links_clearance(self, scene: Scene, t: np.ndarray, q: np.ndarray) -> float:
-        """Return the least distance of links that move from boxes and cylinders, at some samples [m]."""
-        import coal
-        import pinocchio as pin
-
-        data, placed = self.model.createData(), self.geometry.createData()
-        links = [i for i, body in enumerate(self.geometry.geometryObjects) if body.parentJoint > 0]
-        least = np.inf
-        for step in range(0, len(t), max(1, len(t) // 40)):
-            pin.updateGeometryPlacements(
-                self.model, data, self.geometry, placed, self.whole(q[step : step + 1])[0]
-            )
-            for obstacle in scene.file.obstacles:
-                shapes = {
-                    "box": lambda o: coal.Box(*o.size),
-                    "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
-                }
-                shape = shapes[obstacle.shape](obstacle)
-                center = np.array(obstacle.center) + moved(obstacle, t[step : step + 1])[0]
-                at = coal.Transform3s(np.eye(3), center)
-                for i in links:
-                    own = coal.Transform3s(placed.oMg[i].rotation, placed.oMg[i].translation)
-                    result = coal.DistanceResult()
-                    body = self.geometry.geometryObjects[i].geometry
-                    least = min(least, coal.distance(body, own, shape, at, coal.DistanceRequest(), result))
-        return float(least)
 
 
 @cache
@@ -728,25 +682,18 @@ def raw_baxter() -> RawRobot:
     """Baxter, by its URDF as it is installed."""
     import xml.etree.ElementTree as ET
 
-    import pinocchio as pin
-
-    from comove.robots.urdf import package_folders
     from tests.robots.known_carry import baxter
+    from tests.robots.raw_links import RawLinks
 
     robot = baxter()
     (file,) = {source.file for source in robot.sources}
     limits = {joint.get("name"): joint.find("limit") for joint in ET.parse(file).iter("joint")}
     limits = {name: limit for name, limit in limits.items() if limit is not None}
-    model = pin.buildModelFromUrdf(str(file))
-    geometry = pin.buildGeomFromUrdf(
-        model, str(file), pin.GeometryType.COLLISION, package_dirs=package_folders(file)
-    )
     names = robot.joint_names
     told = [
         [float(limits[name].get(key)) for name in names] for key in ("lower", "upper", "velocity", "effort")
     ]
-    columns = [int(model.joints[model.getJointId(name)].idx_q) for name in names]
-    return RawRobot(model, geometry, *map(np.array, told), columns)
+    return RawRobot(RawLinks(robot), *map(np.array, told))
 
 
 def look_at_joints(case: Case) -> list[str]:
@@ -762,35 +709,28 @@ def look_at_joints(case: Case) -> list[str]:
     if raw.over_torque(baxter(), case.scene, q, t):
         found.append("torque")
     if summary["clearance_scene"] is not None:
-        least = raw.links_clearance(case.scene, t, q)
+        some = slice(None, None, max(1, len(t) // 40))
+        least = float(raw.links.distances(case.scene.file.obstacles, t[some], q[some]).min())
         if summary["clearance_scene"] > least + 1e-4:
             found.append(
                 f"stated clearance of links, {summary['clearance_scene']:g} m, at samples {least:g} m"
             )
-    return found + _hands_off(case, baxter(), q, t)
+    return found + _hands_off(case, q, t)
 
 
-def _hands_off(case: Case, robot: Any, q: np.ndarray, t: np.ndarray) -> list[str]:
+def _hands_off(case: Case, q: np.ndarray, t: np.ndarray) -> list[str]:
     """Where joints do not carry out the hands' stored samples."""
     stored = read_result(case.folder)
     time_, position = stored.arrays["time"], stored.arrays["position"]
     at = np.stack([np.interp(t, time_, x) for x in position.reshape(len(time_), -1).T], 1)
-    off = np.linalg.norm(tools(robot, case.scene, q) - at.reshape(len(t), -1, 3), axis=2).max()
+    off = np.linalg.norm(tools(case.scene, q) - at.reshape(len(t), -1, 3), axis=2).max()
     return ["hands"] if off > 2e-4 or abs(t[-1] - time_[-1]) > 1e-6 else []
 
 
-def tools(robot: Any, scene: Scene, q: np.ndarray) -> np.ndarray:
+def tools(scene: Scene, q: np.ndarray) -> np.ndarray:
     """Positions of the tools, (n_steps, n_hands, 3), by Pinocchio on the raw URDF and the description's tools."""
-    import pinocchio as pin
-
-    raw, rows = raw_baxter(), []
-    data = raw.model.createData()
-    arms = [robot.arm(name) for name in scene.manipulators]
-    frames = [(raw.model.getFrameId(arm.tip), pin.SE3(arm.tool)) for arm in arms]
-    for joints in raw.whole(q):
-        pin.framesForwardKinematics(raw.model, data, joints)
-        rows.append([(data.oMf[frame] * tool).translation for frame, tool in frames])
-    return np.array(rows)
+    links = raw_baxter().links
+    return np.array([[links.grasp(name, joints).translation for name in scene.manipulators] for joints in q])
 
 
 def make_simulations(folder: Path) -> Path:
@@ -838,7 +778,6 @@ def forge_simulation(rng: np.random.Generator, base: Path, folder: Path) -> Case
 def look_at_simulation(case: Case) -> list[str]:
     """Contradictions of a simulation that was not objected to: is the load where the goal is, held by hands?"""
     from comove.sim import SIMULATION
-    from tests.robots.known_carry import baxter
 
     summary, arrays = SIMULATION.read(case.folder)
     if not summary["delivered"]:
@@ -846,7 +785,7 @@ def look_at_simulation(case: Case) -> list[str]:
     goals = np.array([hand.goal for hand in case.scene.file.manipulators])
     middle = arrays["load_pose"][-1, :3, 3]
     found = ["load"] if np.linalg.norm(middle - goals.mean(axis=0)) > 0.03 else []
-    hands = tools(baxter(), case.scene, arrays["joints"][-1:])[0]
+    hands = tools(case.scene, arrays["joints"][-1:])[0]
     return found + (["hands"] if np.linalg.norm(hands - goals, axis=1).max() > 0.02 else [])
 
 
@@ -896,14 +835,13 @@ def forge_robot_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 def look_at_robot_run(case: Case) -> list[str]:
     """Contradictions of a robot's run that is as it should be: limits, hands at the goal, a bar that is clear."""
     from comove.sim.robot_runs import ROBOT_RUN
-    from tests.robots.known_carry import baxter
 
-    robot, (_, arrays) = baxter(), ROBOT_RUN.read(case.folder)
+    _, arrays = ROBOT_RUN.read(case.folder)
     q, t, found = arrays["commanded"], arrays["time"], []
     if (np.diff(t) <= 0.0).any():
         return ["clock"]
     found += raw_baxter().over_limits(q, t)
-    hands = tools(robot, case.scene, arrays["measured"])
+    hands = tools(case.scene, arrays["measured"])
     goals = np.array([hand.goal for hand in case.scene.file.manipulators])
     if np.linalg.norm(hands[-1] - goals, axis=1).max() > 5e-3:
         found.append("goal")

@@ -41,11 +41,31 @@ def obstacle_distance(obstacle, points, time=None):
 
 def as_seen(obstacle, points, time):
     """Points at some instants where an obstacle that moves sees them: relative to its pose at 0 s."""
-    motion = getattr(obstacle, "motion", None)
-    if motion is None:
+    if getattr(obstacle, "motion", None) is None:
         return points
     n_dims, t = points.shape[-1], np.ravel(time)
-    way = np.zeros((len(t), n_dims))
+    turned, center = _displaced(obstacle, t)
+    seen = points.reshape(len(t), -1, n_dims) - center[:, None]
+    return (np.array(obstacle.center) + seen @ turned).reshape(points.shape)  # the inverse turn of rows
+
+
+def placed(obstacle, time):
+    """Orientations (n, n_dims, n_dims) and centres (n, n_dims) [m] of an obstacle of a scene file at instants [s]."""
+    turned, center = _displaced(obstacle, np.ravel(time))
+    n_dims, (w, *xyz) = center.shape[1], getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
+    own = Rotation.from_quat([*xyz, w])
+    if n_dims == 2:
+        own = Rotation.from_euler("z", getattr(obstacle, "rotation_deg", 0.0), degrees=True)
+    return turned @ own.as_matrix()[:n_dims, :n_dims], center
+
+
+def _displaced(obstacle, t):
+    """How an obstacle has turned since 0 s, and its centres."""
+    motion, start = getattr(obstacle, "motion", None), np.array(obstacle.center, dtype=float)
+    n_dims, way = len(start), np.zeros((len(t), len(start)))
+    turned = np.broadcast_to(np.eye(n_dims), (len(t), n_dims, n_dims))
+    if motion is None:
+        return turned, start + way
     if motion.velocity is not None:
         way = t[:, None] * motion.velocity
     if motion.waypoints is not None:
@@ -53,14 +73,13 @@ def as_seen(obstacle, points, time):
     if motion.circle is not None:
         angle = 2 * np.pi * t / motion.circle.period_s
         way[:, :2] = motion.circle.radius * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
-    seen = points.reshape(len(t), -1, n_dims) - way[:, None]
     if motion.turn is not None:
-        pivot = np.array(obstacle.center) + (motion.turn.hinge or np.zeros(n_dims))
+        hinge = np.array(motion.turn.hinge or np.zeros(n_dims))
         axis = np.array(motion.turn.axis or (0.0, 0.0, 1.0))
-        turned = np.deg2rad(motion.turn.rate_deg_per_s) * t[:, None] * axis / np.linalg.norm(axis)
-        matrices = Rotation.from_rotvec(turned).as_matrix()[:, :n_dims, :n_dims]
-        seen = pivot + (seen - pivot) @ matrices  # the inverse turn of rows
-    return seen.reshape(points.shape)
+        angles = np.deg2rad(motion.turn.rate_deg_per_s) * t[:, None] * axis / np.linalg.norm(axis)
+        turned = Rotation.from_rotvec(angles).as_matrix()[:, :n_dims, :n_dims]
+        way = way + hinge - turned @ hinge
+    return turned, start + way
 
 
 def _box(box, p):

@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import yaml
 
@@ -19,6 +18,7 @@ from comove.robots import description as descriptions
 from comove.robots.kernels import TWO_ARMS
 from comove.ros import FORMATS
 from tests.commands import invoke
+from tests.robots.raw_links import RawLinks
 from tests.robots.small_robots import SHELF, lifts, lifts_scene
 from tests.sim.test_mjcf import ARM
 
@@ -71,18 +71,15 @@ def test_a_solved_folder_holds_what_the_contract_says(solved):
 
 
 def test_the_hands_carry_the_stick(solved):
-    """Pinocchio on Baxter's own URDF, and the stick of the file: nothing of comove."""
+    """By Baxter's own URDF, and the stick of the file."""
     with np.load(solved / "joints.npz") as joints, np.load(solved / "solution.npz") as hands:
         names, position = [str(name) for name in joints["joint_names"]], joints["position"]
         at = [np.array([np.interp(t, hands["time"], p) for p in hands["position"].reshape(-1, 6).T])
               for t in joints["time"][::100]]  # fmt: skip
-    model = pin.buildModelFromXML(Robot.load("baxter").sources[0].urdf)
-    data, q = model.createData(), pin.neutral(model)
+    raw = RawLinks(Robot.load("baxter"))
+    assert names == list(Robot.load("baxter").joint_names)
     for row, expected in zip(position[::100], at, strict=True):
-        for name, value in zip(names, row, strict=True):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
-        poses = [data.oMf[model.getFrameId(f"{side}_gripper")] for side in ("left", "right")]
+        poses = [raw.frame(f"{side}_gripper", row) for side in ("left", "right")]
         found = np.array([pose.translation for pose in poses])
         assert np.abs(found.ravel() - expected).max() < 1e-6
         along = found[0] - found[1]

@@ -1,15 +1,14 @@
-"""An edge that is called free keeps its margin everywhere, whatever moves and turns beside it."""
+"""Free edges keep their margin everywhere: to rounding among static obstacles, within 1 mm among moving ones.
 
-from dataclasses import replace
+Between stored samples an obstacle that turns about a hinge is taken to move straight.
+"""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.errors import SceneError
 from comove.model import Scene, load_coordinates
-from comove.model.coordinates import coordinates_for
 from comove.planning.configurations import (
     configuration_space,
     edge_is_free,
@@ -20,7 +19,7 @@ from comove.planning.configurations import (
 from comove.planning.spacetime import spacetime
 from tests.cases import examples
 from tests.verification.random_boxes import box_near_contact
-from tests.verification.random_motions import near_contact, random_turn, scene_data
+from tests.verification.random_motions import near_contact, with_turning_obstacles
 
 N_EDGES, N_SAMPLES = 12, 60
 PLENTY = 0.01  # m beyond the margin: such edges are free, or the planner finds nothing
@@ -35,13 +34,9 @@ def drawn(seed, moving):
         motion = box_near_contact(rng)
         if not moving:
             return motion, rng
-        data = scene_data(motion.scene)
-        data["obstacles"] = [o | {"motion": random_turn(rng, 3)} for o in data["obstacles"]]
-        try:
-            scene = Scene.from_dict(data)
-        except SceneError:  # an end is in contact
-            continue
-        return replace(motion, scene=scene, coordinates=coordinates_for(scene, motion.coordinates.kind)), rng
+        motion = with_turning_obstacles(motion, rng)
+        if motion is not None:
+            return motion, rng
 
 
 def edges(motion, rng):
@@ -89,7 +84,6 @@ def test_a_free_edge_keeps_its_margin(moving, seed):
         found = clearances(motion, space, p, q, s * scene.duration * bool(moving))
         fine = (span(space, p, q) + world.timing.fastest * bool(moving) * (s[1] - s[0])) / N_SAMPLES
         if free:
-            # Between stored samples a turn about a hinge is taken to be straight.
             assert found.min() >= margin - (1e-3 if moving else 1e-9)
         elif found.min() > margin + PLENTY + fine and not scene.kept_apart[0].size:
             pytest.fail("it is far from everything")

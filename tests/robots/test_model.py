@@ -15,9 +15,10 @@ import yaml
 
 from comove.errors import ComoveWarning, RobotError
 from comove.robots import Robot
-from comove.robots.description import find_description, load_description
+from comove.robots.description import find_description
 from comove.robots.urdf import resolve
 from tests.geometry.triangles.written import WEDGE
+from tests.robots.raw_links import RawLinks
 from tests.robots.small_robots import BUNDLED, EXAMPLES, random_arms, robot, urdf, written
 
 LIMIT = '<limit lower="-1" upper="2" effort="3" velocity="4"/>'
@@ -71,37 +72,25 @@ def poses(model, q, names):
 # --- What a robot is ---
 
 
-def bases_of(path):
-    """Where the models of a description stand."""
-    bases = [model.base for model in load_description(path).models]
-    return [pin.SE3(pin.Quaternion(*b.quaternion_wxyz).matrix(), np.array(b.position)) for b in bases]
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_each_arm_is_where_its_model_and_base_put_it(seed, tmp_path):
+def test_arms_and_bodies_are_where_their_models_and_bases_put_them(seed, tmp_path):
     """The third arm is of a second model that has its own base and prefix."""
-    path = random_arms(tmp_path, seed)
-    machine, file, rng = Robot.load(path), load_description(path), np.random.default_rng(seed)
-    here, there = (base.homogeneous for base in bases_of(path))
-    one, two = (pin.buildModelFromUrdf(str(tmp_path / name)) for name in ("one.urdf", "two.urdf"))
+    machine, rng = Robot.load(random_arms(tmp_path, seed)), np.random.default_rng(seed)
+    raw, state, placed = RawLinks(machine), machine.model.createData(), machine.collision.createData()
     assert [arm.name for arm in machine.arms] == ["b", "a", "c"]
-    for _ in range(5):
-        q = rng.uniform(machine.lower, machine.upper)
-        joints = dict(zip(machine.joint_names, q, strict=True))
-        first = np.array([joints[name] for name in list(one.names)[1:]])
-        second = np.array([joints[f"other_{name}"] for name in list(two.names)[1:]])
-        b, a = poses(one, first, ("b_tip", "a_tip"))
-        (c,) = poses(two, second, ("a_tip",))
-        wanted = here @ b, here @ a @ tool_of(file, "a"), there @ c
-        for arm, pose in zip(machine.arms, wanted, strict=True):
-            np.testing.assert_allclose(machine.tool_pose(q, arm), pose, atol=1e-12)
-        feet = poses(machine.model, q, ("base", "other_base"))
-        np.testing.assert_allclose(feet, [here, there], atol=1e-12)
-
-
-def tool_of(file, name):
-    tool = file.arms[name].tool
-    return pin.SE3(pin.Quaternion(*tool.quaternion_wxyz).matrix(), np.array(tool.position)).homogeneous
+    assert machine.collision.ngeoms == (1 + 7 + 6) + (1 + 8)
+    for q in rng.uniform(machine.lower, machine.upper, (5, len(machine.lower))):
+        for arm in machine.arms:
+            np.testing.assert_allclose(
+                machine.tool_pose(q, arm), raw.grasp(arm.name, q).homogeneous, atol=1e-12
+            )
+        names = ("base", "other_base")
+        wanted = [raw.frame(name, q).homogeneous for name in names]
+        np.testing.assert_allclose(poses(machine.model, q, names), wanted, atol=1e-12)
+        pin.updateGeometryPlacements(machine.model, state, machine.collision, placed, q)
+        for name, _, pose, _ in raw.bodies(q):
+            number = machine.collision.getGeometryId(name)
+            np.testing.assert_allclose(placed.oMg[number].homogeneous, pose.homogeneous, atol=1e-12)
 
 
 def test_columns_lead_from_base_to_tip(tmp_path):
@@ -110,26 +99,6 @@ def test_columns_lead_from_base_to_tip(tmp_path):
         names = [machine.joint_names[column] for column in arm.columns]
         assert names == [f"{letter}_j{k}" for k in range(count)]
     assert sorted(np.concatenate([arm.columns for arm in machine.arms])) == list(range(21))
-
-
-def test_bodies_stand_where_their_models_put_them(tmp_path):
-    """Collision geometry against that of each model alone."""
-    path = random_arms(tmp_path, 0)
-    machine = Robot.load(path)
-    q = np.random.default_rng(0).uniform(machine.lower, machine.upper)
-    joints, mine = dict(zip(machine.joint_names, q, strict=True)), machine.collision.createData()
-    pin.updateGeometryPlacements(machine.model, machine.model.createData(), machine.collision, mine, q)
-    assert machine.collision.ngeoms == (1 + 7 + 6) + (1 + 8)
-    parts = zip(bases_of(path), ("one.urdf", "two.urdf"), ("", "other_"), strict=True)
-    for base, name, prefix in parts:
-        alone = pin.buildModelFromUrdf(str(tmp_path / name))
-        shapes = pin.buildGeomFromUrdf(alone, str(tmp_path / name), pin.GeometryType.COLLISION)
-        theirs = shapes.createData()
-        own = np.array([joints[f"{prefix}{name}"] for name in list(alone.names)[1:]])
-        pin.updateGeometryPlacements(alone, alone.createData(), shapes, theirs, own)
-        for item, pose in zip(shapes.geometryObjects, theirs.oMg, strict=True):
-            number = machine.collision.getGeometryId(f"{prefix}{item.name}")
-            np.testing.assert_allclose(mine.oMg[number].homogeneous, (base * pose).homogeneous, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", BUNDLED)
@@ -622,8 +591,15 @@ def test_a_negative_moment_of_inertia_is_said(wrong, told, tmp_path):
         load(tmp_path, text)
 
 
-def test_a_joint_that_names_its_parent_twice_hangs_on_the_first_and_no_hand_weighs_more(tmp_path):
-    twice = two_joints().replace('<parent link="upper"/>', '<parent link="upper"/><parent link="base"/>')
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [('<parent link="upper"/>', '<parent link="base"/>'), ('<child link="upper"/>', '<child link="hand"/>')],
+)
+def test_a_joint_that_names_a_link_twice_is_read_by_the_first_and_no_hand_weighs_more(
+    first, second, tmp_path
+):
+    twice = two_joints().replace(first, first + second)
+    assert twice != two_joints()
     found, right = load(tmp_path, twice), load(tmp_path)
     assert found.arms[0].hand == right.arms[0].hand == 0.0
     q = np.array([0.3, 0.7])

@@ -3,7 +3,6 @@
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +16,7 @@ from comove.robots.verification.carried import Carried
 from comove.sim import Weld, simulate
 from tests.meshes import prism
 from tests.model.test_payload_poses import wxyz
+from tests.robots.raw_links import RawLinks
 
 DOWN = Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0]))
 TRAY = {"shape": "box", "size": [0.5, 0.2, 0.04], "mass": 0.6}
@@ -66,23 +66,15 @@ def followed():
     return straight, carrier, joints
 
 
-def forward(robot, name, q):
-    """The pose of a grasp frame, from the frame of its tip alone."""
-    arm, data = robot.arm(name), robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q)
-    joint, grasp = robot.grasp_frame(arm)
-    return data.oMi[joint] * grasp
-
-
 def test_the_stored_joints_hold_the_payload_in_all_poses():
-    """Between samples too: forward kinematics give the payload's pose times the grasps, by SciPy."""
+    """Between samples too: forward kinematics of the raw URDFs give the payload's pose times the grasps, by SciPy."""
     straight, _, joints = followed()
-    scene, load = straight.scene, straight.scene.file.load
+    scene, load, raw = straight.scene, straight.scene.file.load, RawLinks(robot())
     for time in np.random.default_rng(0).uniform(0.0, scene.duration, 40):
         q = straight.at([time / scene.duration])[0, 0]
         center, turn = q[:3], Rotation.from_quat(np.roll(q[3:], -1))
         for name in scene.manipulators:
-            pose = forward(robot(), name, joints.curve(time))
+            pose = raw.grasp(name, joints.curve(time))
             frame = Rotation.from_quat(np.roll(scene.file.grasp.frames[name], -1))
             np.testing.assert_allclose(pose.translation, center + turn.apply(load.grasps[name]), atol=1e-6)
             np.testing.assert_allclose(pose.rotation, (turn * frame).as_matrix(), atol=1e-6)

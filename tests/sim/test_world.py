@@ -1,7 +1,6 @@
 """The world of a simulation is the robot of the description and the scene as it is written."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -47,6 +46,7 @@ def test_obstacles_turn_in_the_simulator_as_in_the_scene():
     turn = {"rate_deg_per_s": 50, "axis": [1, 2, 3], "hinge": [0.1, 0.0, 0.2]}
     turned = {"quaternion_wxyz": [0.5, 0.5, 0.5, 0.5], "motion": {"velocity": [0.1, 0, 0], "turn": turn}}
     boxes = [{"shape": "box", "center": [x, 0.0, 0.5], "size": [0.1, 0.2, 0.3], **turned} for x in (0.0, 1.0)]
+    boxes.insert(1, {"shape": "sphere", "center": [0.0, 4.0, 0.5], "radius": 0.1})
     around = {"workspace": {"lower": [-9, -9, -9], "upper": [9, 9, 9]}, "duration": 4.0, "name": "hinged"}
     hands = [{"name": "a", "start": [3, 3, 3], "goal": [3, 4, 3]}]
     scene, spec = Scene.from_dict({**around, "obstacles": boxes, "manipulators": hands}), engine().MjSpec()
@@ -55,7 +55,7 @@ def test_obstacles_turn_in_the_simulator_as_in_the_scene():
     data = engine().MjData(model)
     for time in (0.0, 2.5):
         table = scene.obstacles_at(time)
-        move_obstacles(SimpleNamespace(model=model), data, scene, time, table[:, 1:4])
+        move_obstacles(data, scene, time, table[:, 1:4])
         engine().mj_kinematics(model, data)
         for i in range(len(boxes)):
             geom = data.geom(scene.name_of(i))

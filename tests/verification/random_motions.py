@@ -93,9 +93,9 @@ def held_scene(rng, n_dims, held, *, level=False, **more):
     )
 
 
-def on_scene(motion, data):
+def on_scene(motion, data, folder=None):
     """The same curve on the scene of other data, such as further obstacles."""
-    scene = Scene.from_dict(data)
+    scene = Scene.from_dict(data, folder=folder)
     return replace(motion, scene=scene, coordinates=coordinates_for(scene, motion.coordinates.kind))
 
 
@@ -127,6 +127,16 @@ def near_contact(rng, moving=0.0):
             return on_scene(motion, data)
         except SceneError:  # an end is in contact: such scenes are refused
             continue
+
+
+def with_turning_obstacles(motion, rng, more=(), folder=None):
+    """The motion on its scene with obstacles that move and turn, and `more`; None where an end is in contact."""
+    data = scene_data(motion.scene)
+    data["obstacles"] = [o | {"motion": random_turn(rng, 3)} for o in [*data["obstacles"], *more]]
+    try:
+        return on_scene(motion, data, folder)
+    except SceneError:
+        return None
 
 
 def perturbed(motion, rng):

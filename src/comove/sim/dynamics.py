@@ -67,7 +67,7 @@ def simulate(
         data = at_start(world, motion, payload, perturbation)
         if load is not None:
             grasp.close(world, data)
-        move_obstacles(world, data, scene, 0.0)
+        move_obstacles(data, scene, 0.0)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
         log = _run(world, data, scene, motion, payload, perturbation, settings)
     return Execution(
@@ -138,13 +138,13 @@ def _run(
     control = position + world.lead * velocity
     carrying = payload.at(position[::limiting], velocity[::limiting], acceleration[::limiting])
     push, pushed = _push(world, motion, perturbation, time)
-    mocap, places, turns = moving_poses(model, scene, obstacle_time(time, motion.duration))
+    places, turns = moving_poses(scene, obstacle_time(time, motion.duration))
     log, unstable = _Log(world, n_steps // every + 1), None
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     began = perf_counter()
     for step in range(n_steps + 1):
         data.ctrl[world.servos] = control[step]
-        data.mocap_pos[mocap], data.mocap_quat[mocap] = places[step], turns[step]
+        data.mocap_pos[:], data.mocap_quat[:] = places[step], turns[step]
         if step % limiting == 0:
             carry_payload(world, data, carrying[step // limiting])
         if step == 0 or pushed[step] != pushed[step - 1]:

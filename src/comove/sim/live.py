@@ -75,7 +75,7 @@ def run_live(
         world = build_world(robot, scene, load, grasp, perturbation)
         payload = PayloadTorques(robot, scene)
         data = at_start(world, motion, payload, perturbation)
-        _move_obstacles(world, data, executor)
+        _move_obstacles(data, executor)
         if load is not None:
             grasp.close(world, data)
         engine().mj_step(world.model, data, round(USUAL.settle / TIMESTEP))
@@ -101,7 +101,7 @@ def _run(
             except RobotError as error:  # something holds the robot
                 given_up = error.message
                 break
-            _move_obstacles(world, data, executor)
+            _move_obstacles(data, executor)
             carry_payload(world, data, payload.at_rest(command))
             limit_servos(world, data)
             rates = (command - before) / executor.settings.period
@@ -133,6 +133,6 @@ def _command(executor: JointExecutor, measured: Array) -> Array:
     return executor.recover(measured)
 
 
-def _move_obstacles(world: SimulatedWorld, data: Any, executor: JointExecutor) -> None:
+def _move_obstacles(data: Any, executor: JointExecutor) -> None:
     centers = executor.observer.ground_truth(np.array([executor.time]))[0]
-    move_obstacles(world, data, executor.scene, executor.time, centers)
+    move_obstacles(data, executor.scene, executor.time, centers)

@@ -107,8 +107,12 @@ def obstacles_in(file: Path) -> list[dict[str, Any]]:
     mj, model = engine(), model_in(file)
     drives = drives_of(mj, model)
     roles = Roles.of(mj, model, drives)
-
-    around = ModelSurroundings(mj, model, roles, lambda number: _original(model, number, file))
+    spec = mj.MjSpec.from_file(str(file))
+    spec.compile()  # which numbers its meshes
+    meshes = {mesh.id: mesh for mesh in spec.meshes}
+    around = ModelSurroundings(
+        mj, model, roles, lambda number: _original(model, number, meshes[number], file)
+    )
     found = around.obstacles()
     moved = [
         f"'{model.body(root).name or root}' has joints: it is no obstacle" for root in sorted(roles.robot)
@@ -118,8 +122,12 @@ def obstacles_in(file: Path) -> list[dict[str, Any]]:
     return found
 
 
-def _original(model: Any, number: int, file: Path) -> MeshFile:
-    """Return the file of a mesh, and where its frame is in that of the mesh, which MuJoCo centres and turns."""
+def _original(model: Any, number: int, mesh: Any, file: Path) -> MeshFile:
+    """Return the file of a mesh, and where its frame is in that of the compiled mesh.
+
+    MuJoCo subtracts `refpos` of the specified mesh from vertices, turns them by the conjugate of `refquat`, scales
+    them, and then centres and turns them once more.
+    """
     name, start = model.mesh(number).name or number, int(model.mesh_pathadr[number])
     if start < 0:
         told = f"the triangles of '{name}' are written in the model"
@@ -132,7 +140,9 @@ def _original(model: Any, number: int, file: Path) -> MeshFile:
         raise RobotError(told, file=file, way_out="scale its file, so that one positive number will do")
     path = Path(model.paths[start:].split(b"\0", 1)[0].decode())
     turn = matrices(model.mesh_quat[number]).T
-    return MeshFile(path.resolve(), float(scale[0]), -turn @ model.mesh_pos[number], turn)
+    reference = matrices(mesh.refquat / np.linalg.norm(mesh.refquat)).T
+    position = -turn @ (scale[0] * reference @ mesh.refpos + model.mesh_pos[number])
+    return MeshFile(path.resolve(), float(scale[0]), position, turn @ reference)
 
 
 def model_in(file: Path) -> Any:

@@ -278,7 +278,7 @@ def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> Non
     if execution.fingers is not None:
         data.qpos[world.finger_qpos] = execution.fingers[step]
     move_obstacles(
-        world, data, execution.scene, float(obstacle_time(execution.time[step], execution.motion.duration))
+        data, execution.scene, float(obstacle_time(execution.time[step], execution.motion.duration))
     )
     if world.load is not None:
         world.put_load(data, execution.load_pose[step])

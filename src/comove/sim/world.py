@@ -148,26 +148,24 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
     return geoms
 
 
-def move_obstacles(
-    world: SimulatedWorld, data: Any, scene: Scene, time: float, centers: Array | None = None
-) -> None:
+def move_obstacles(data: Any, scene: Scene, time: float, centers: Array | None = None) -> None:
     """Put the obstacles that move where they are at an instant [s], or at centres, (n_obstacles, 3) [m]."""
-    mocap, places, turned = moving_poses(world.model, scene, np.array([time]))
-    data.mocap_pos[mocap] = places[0] if centers is None else centers[scene.moving]
-    data.mocap_quat[mocap] = turned[0]
+    places, turned = moving_poses(scene, np.array([time]))
+    data.mocap_pos[:] = places[0] if centers is None else centers[scene.moving]
+    data.mocap_quat[:] = turned[0]
 
 
-def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Integers, Array, Array]:
+def moving_poses(scene: Scene, time: Array) -> tuple[Array, Array]:
     """Return where obstacles that move are at some instants, array of shape (n_steps,) [s].
+
+    They are in the order of their bodies among those that MuJoCo moves as it is told, the only ones.
 
     Returns
     -------
-    mocap : array, shape (n_moving,), numbers of their bodies among those that MuJoCo moves as it is told
     position, quaternion : arrays, shape (n_steps, n_moving, 3) [m] and (n_steps, n_moving, 4), w x y z
     """
     own = np.flatnonzero(scene.moving)
-    mocap = np.array([model.body(moving_body(i)).mocapid[0] for i in own.tolist()], dtype=np.int64)
-    return mocap, (scene.centers + scene.offsets(time))[:, own], exponential(scene.turns(time)[:, own])
+    return (scene.centers + scene.offsets(time))[:, own], exponential(scene.turns(time)[:, own])
 
 
 def obstacle_time(time: Array, duration: float) -> Array:

@@ -220,20 +220,25 @@ def test_a_robot_in_a_model_is_no_obstacle(tmp_path):
     assert len(scene.file.obstacles) == 4
 
 
-def test_meshes_of_a_model_of_mujoco(tmp_path):
+@pytest.mark.parametrize("reference", ["", 'refpos="0.1 -0.2 0.3" refquat="0.6 -1 1.4 0.4"'])
+def test_meshes_of_a_model_of_mujoco(reference, tmp_path):
     """MuJoCo centres and turns them; their triangles are where it has them, and come from their own files."""
     mujoco = pytest.importorskip("mujoco")
     wedge = "v 0 0 0\nv .3 0 0\nv 0 .2 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-    (tmp_path / "wedge.obj").write_text(wedge)
-    asset = '<mujoco><asset><mesh name="w" file="wedge.obj" scale="2 2 2"/></asset>'
+    for name in ("wedge.obj", "other.obj"):
+        (tmp_path / name).write_text(wedge)
+    asset = (
+        '<mujoco><asset><mesh file="other.obj"/><mesh name="w" file="wedge.obj" scale="2 2 2" REF/></asset>'
+    )
     geom = '<geom name="w" type="mesh" mesh="w" pos="1 0.2 0.3" euler="0.1 0.2 0.3"/></worldbody>'
-    text = MODEL.replace("<mujoco>", asset).replace("</worldbody>", geom)
+    text = MODEL.replace("<mujoco>", asset.replace("REF", reference)).replace("</worldbody>", geom)
     scene = scene_of(tmp_path, "mjcf", "cell.xml", text)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "cell.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     k = model.geom("w").id
-    there = data.geom_xpos[k] + model.mesh_vert @ data.geom_xmat[k].reshape(3, 3).T
+    first, n = int(model.mesh_vertadr[model.geom_dataid[k]]), int(model.mesh_vertnum[model.geom_dataid[k]])
+    there = data.geom_xpos[k] + model.mesh_vert[first : first + n] @ data.geom_xmat[k].reshape(3, 3).T
     there = np.array(AT) + Rotation.from_quat(TURN, scalar_first=True).apply(there)
     found = scene.surfaces.of(0).reshape(-1, 3)
     assert max(np.linalg.norm(found - v, axis=1).min() for v in there) < 1e-6

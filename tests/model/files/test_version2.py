@@ -16,13 +16,16 @@ from scipy.spatial.transform import Rotation
 
 import comove
 from comove.control.executor import Executor
+from comove.control.safety.twists import nodes_of
 from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.io.yaml_reader import read_yaml
 from comove.model.candidates import DEPTH, OPENING
 from comove.model.files.keys import canonical
 from comove.model.files.upgrade import as_text, upgraded
 from comove.model.files.version2 import MAX_CHOICES, SceneFile2
+from comove.model.free_goals import TurnSettings
 from comove.model.scene import Scene
+from comove.verification.record import verify_execution
 from comove.view.workbench.edits import contents_of
 from comove.view.workbench.saving import scene_text
 from tests.cases import examples
@@ -397,28 +400,46 @@ def test_a_free_axis_leaves_the_goal_open_about_it_alone(axis, tmp_path):
     assert len(scene.ways_to(scene.file.load.start)) == len(scene.alternatives)  # that is another place
 
 
-def test_a_free_goal_is_the_best_of_all_turns():
-    """Without obstacles the hands go as short ways as they can: no turn of a fine grid is better, nor is the result
-    on one; with one in the way, it is the best of those that are clear."""
+def free_goals():
+    """A scene whose payload may be put down at any turn, and one in which an obstacle rules out some of them."""
     free = copy.deepcopy(PLANAR) | {"obstacles": []}
     free["payload"]["shape"], free["payload"]["size"] = "box", [0.2, 0.05]
     free["payload"].pop("length")
     free["payload"]["goal"] |= {"free": "yaw"}
     free["grasps"] = {"left": {"position": [-0.1, 0]}, "right": {"position": [0.05, 0.02]}}
     blocked = free | {"obstacles": [{"shape": "box", "center": [0.85, 0.67], "size": [0.1, 0.2]}]}
-    for data in (free, blocked):
-        scene = Scene.from_dict(data)
+    return Scene.from_dict(free), Scene.from_dict(blocked)
+
+
+def test_a_free_goal_is_the_best_of_all_turns():
+    """End effectors go as short ways as they can: no turn of a fine grid is better; with an obstacle in the way, the
+    best of the sampled turns that are clear, as the least of all may be one at which the payload touches it."""
+    for scene, step in zip(free_goals(), (np.deg2rad(1.0), TurnSettings().step), strict=True):
         result = comove.solve(scene, budget=5.0)
         assert result.verified
         lengths = {}
-        for turn in np.deg2rad(np.arange(-180, 180, 1)):
+        for turn in np.arange(0.0, 2 * np.pi - 1e-9, step):
             with suppress(SceneError):
                 way = scene.put_down(scene.file.choices[0], turn).require_free_ends()
                 lengths[turn] = np.linalg.norm(way.goal - way.start) ** 2
         found = np.linalg.norm(result.scene.goal - result.scene.start) ** 2
-        assert found <= min(lengths.values()) + (2e-6 if data is free else 0.02)
+        assert found <= min(lengths.values()) + 2e-6
         assert Executor(scene, plan=result.motion).scene.sha256 == result.scene.sha256
-    assert len(lengths) < 300, "the obstacle is in the way of some"
+    assert len(lengths) < 2 * np.pi / step - 1, "the obstacle is in the way of some"
+
+
+@pytest.mark.parametrize("scene", free_goals(), ids=["free", "blocked"])
+def test_an_execution_puts_the_payload_down_at_a_turn_that_is_clear(scene):
+    """At the position of the goal, as the hands on it tell, and where an obstacle leaves room."""
+    executor = comove.Executor(scene)
+    report = verify_execution(executor.run(20.0), executor.blocker)
+    assert report.reasons == ()
+    nodes = nodes_of(executor.scene, executor.poses)
+    assert scene.nearest_at(nodes)[0] > 0.0
+    (a, b), (left, right) = nodes[:2, :2] @ [1, 1j], np.array([-0.1, 0.05 + 0.02j])
+    turn = (b - a) / (right - left)
+    assert abs(turn) == pytest.approx(1.0)
+    assert a - turn * left == pytest.approx(0.85 + 0.5j, abs=1e-3)
 
 
 SHAPES = {

@@ -1,88 +1,28 @@
-"""Clearances of links among moving obstacles against dense sampling on the raw URDF, with obstacles moved here."""
+"""Clearances of links among moving obstacles against dense sampling on the raw URDF."""
 
-from functools import lru_cache
+from functools import cache
 
-import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from comove.model import Scene
 from comove.robots import verify_joints
 from comove.robots.motion import Ranges
-from comove.robots.urdf import package_folders
 from comove.robots.verification.bodies import SCENE, MovingObstacles
 from tests.cases import examples
 from tests.robots.known_carry import DURATION, baxter, known_carry, on_scene, scene_data
+from tests.robots.raw_links import RawLinks
 from tests.robots.verification.test_verify_clearance import certified
 
 TIGHT, COAL = 1e-3, 2e-4  # m, of bounds, and of distances
 
 
-@lru_cache
+@cache
 def raw_baxter():
-    """Model and bodies as Pinocchio reads them from the file, and the columns of comove's joints."""
-    robot = baxter()
-    (file,) = {str(source.file) for source in robot.sources}
-    model = pin.buildModelFromUrdf(file)
-    bodies = pin.buildGeomFromUrdf(
-        model, file, pin.GeometryType.COLLISION, package_dirs=package_folders(robot.sources[0].file)
-    )
-    return (
-        model,
-        bodies,
-        [int(model.joints[model.getJointId(name)].idx_q) for name in robot.joint_names],
-    )
-
-
-def center(obstacle, t):
-    """Where an obstacle is [m]."""
-    how, place = obstacle["motion"], np.array(obstacle["center"], dtype=float)
-    if "turn" in how:
-        hinge = np.array(how["turn"]["hinge"])
-        return place + hinge - turned(obstacle, t) @ hinge
-    if "velocity" in how:
-        return place + t * np.array(how["velocity"])
-    if "circle" in how:
-        angle = 2 * np.pi * t / how["circle"]["period_s"]
-        return place + how["circle"]["radius"] * np.array([np.cos(angle) - 1, np.sin(angle), 0.0])
-    return np.array([np.interp(t, how["times"], axis) for axis in np.transpose(how["waypoints"])])
-
-
-def turned(obstacle, t):
-    """How an obstacle has turned; array, shape (3, 3)."""
-    turn = obstacle["motion"].get("turn", {"axis": [0.0, 0.0, 1.0], "rate_deg_per_s": 0.0})
-    axis = np.array(turn["axis"]) / np.linalg.norm(turn["axis"])
-    return Rotation.from_rotvec(np.deg2rad(turn["rate_deg_per_s"]) * t * axis).as_matrix()
-
-
-def sampled(joints, obstacle, time):
-    """The distance of each link from an obstacle; array, shape (n_steps, n_links)."""
-    model, bodies, columns = raw_baxter()
-    data, placed, q = model.createData(), bodies.createData(), pin.neutral(model)
-    rows = []
-    solid = coal.Sphere(obstacle["radius"]) if "radius" in obstacle else coal.Box(*obstacle["size"])
-    for t, own in zip(time, joints.curve(time), strict=True):
-        q[columns] = own
-        pin.updateGeometryPlacements(model, data, bodies, placed, q)
-        at = coal.Transform3s(turned(obstacle, t), center(obstacle, t))
-        rows.append(
-            [
-                coal.distance(
-                    item.geometry,
-                    coal.Transform3s(pose.rotation, pose.translation),
-                    solid,
-                    at,
-                    coal.DistanceRequest(),
-                    coal.DistanceResult(),
-                )
-                for item, pose in zip(bodies.geometryObjects, placed.oMg, strict=True)
-            ]
-        )
-    return np.array(rows)
+    """Baxter as its file has it."""
+    return RawLinks(baxter())
 
 
 def passing(rng):
@@ -114,10 +54,10 @@ def test_clearances_from_moving_obstacles_are_those_of_dense_sampling(seed):
     obstacle = passing(np.random.default_rng(seed))
     scene = Scene.from_dict(scene_data(obstacles=(obstacle,)), check_ends=False)
     (found, *_), required = certified(on_scene(motion, scene), joints)
-    apart = sampled(joints, obstacle, np.linspace(0.0, DURATION, 201))
-    near = apart.min(axis=1).argsort()[:20]
+    look = lambda time: raw_baxter().distances(scene.file.obstacles, time, joints.curve(time))  # noqa: E731
+    near = look(np.linspace(0.0, DURATION, 201)).min(axis=(1, 2)).argsort()[:20]
     time = np.unique(np.clip(np.add.outer(near / 20.0, np.linspace(-0.05, 0.05, 21)), 0.0, DURATION))
-    least = sampled(joints, obstacle, time).min()
+    least = look(time).min()
     assert found.lower <= least + COAL
     if least > required[SCENE] + COAL + TIGHT:
         assert found.lower >= least - COAL - TIGHT - 1e-3  # as far as things get between samples

@@ -548,9 +548,9 @@ def does_not_enforce(runs: Runs) -> ClaimFinding:
 def can_be_enforced(runs: Runs) -> ClaimFinding:
     seen, known = runs.encounter("obstacles seen only"), runs.encounter("motions known")
     why = (
-        f"It can: comove's reaction holds the distance to {seen.distance_error:.1g} m with a clearance of "
+        f"It can: comove's execution holds the distance to {seen.distance_error:.1g} m with a clearance of "
         f"{_mm(seen.clearance)} where obstacles are only seen, and of {_mm(known.clearance)} where their motions are "
-        "known. It is not an extension of the matrix, but a programme over the load's velocity."
+        "known. It is not an extension of the matrix, but a safety filter over the payload's twist (CBF-QP)."
     )
     good = all(e.arrived and e.clearance >= 0 and e.distance_error <= e.tolerance for e in (seen, known))
     return _graded(why, remark=good)

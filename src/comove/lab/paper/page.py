@@ -201,7 +201,7 @@ one phase, before it knows of the wall; and what the optimiser makes of it when 
 
 ### Figure 2: a moving obstacle
 
-![Two rules of one matrix for both hands, and comove's reaction, as a disc crosses the way]({folder}/figure2.png)
+![Two rules of one matrix for both hands, and comove's execution, as a disc crosses the way]({folder}/figure2.png)
 
 Left: the modulation matrix of whichever hand is nearest to the disc, on both hands, as the paper proposes: it
 {_outcome(runs, "nearest hand's matrix")}. Middle: the matrix of whichever point of hands and load
