@@ -2,8 +2,8 @@
 
     python benchmarks/effort.py SCENES [SCENES ...] [--seed 0] [--budget 30]
 
-SCENES are folders of `comove bench draw`, or scene files. Times are processor times of `comove.solve`. Jerk, that of all
-end effectors squared, is a geometric mean of the ratios to "normal" on scenes that both verify.
+SCENES are folders of `comove bench draw`, or scene files. Times are processor times of `comove.solve`. Jerk is that
+of all end effectors, squared: the geometric mean of its ratios to "normal" on scenes that both verify.
 """
 
 from __future__ import annotations
