@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from comove.model import Scene, load_coordinates
 from comove.planning.configurations import (
     configuration_space,
+    deforms,
     edge_is_free,
     edge_is_free_in_time,
     interpolate,
@@ -122,3 +123,28 @@ def test_what_stands_is_met_by_a_blade_that_turns(radius, heading, turned, begin
         assert apart.min() > 0.01 - 1e-9
     else:
         assert apart.min() < 0.02
+
+
+def test_paths_are_deformed_into_each_other_on_one_side_of_an_obstacle_alone():
+    scene = Scene.from_dict(
+        {
+            "name": "post",
+            "duration": 4.0,
+            "workspace": {"lower": [-1, -1], "upper": [2, 2]},
+            "obstacles": [{"shape": "circle", "center": [0.5, 0.5], "radius": 0.1}],
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": [
+                {"name": "a", "start": [-0.1, 0.5], "goal": [0.9, 0.5]},
+                {"name": "b", "start": [0.1, 0.5], "goal": [1.1, 0.5]},
+            ],
+        }
+    )
+    space, s = configuration_space(scene, load_coordinates(scene)), np.linspace(0.0, 1.0, 26)
+
+    def way(height, turn=0.0):
+        bump = np.sin(np.pi * s) ** 2
+        return np.stack([s, 0.5 + height * bump, turn * s], axis=1)
+
+    assert deforms(space, way(0.3), way(0.6), 0.0) and deforms(space, way(-0.6), way(-0.3), 0.0)
+    assert not deforms(space, way(0.3), way(-0.3), 0.0)
+    assert not deforms(space, way(0.3), way(0.3, 2 * np.pi), 0.0)  # the ends are the same, the ways are not

@@ -327,6 +327,28 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
 
 
 @kernel
+def deforms(space, one, other, margin):
+    """Return whether a path in the plane can be moved straight onto another while it keeps a margin [m].
+
+    Parameters
+    ----------
+    one, other : arrays, shape (n_times, n_columns), at equal times, with angles unwrapped
+    """
+    blocks, scratch, nodes = space.blocks, np.empty(one.shape[1]), np.empty((space.blocks.node.shape[0], 3))
+    for t in range(one.shape[0]):
+        for b in range(blocks.kind.shape[0]):
+            kind, o = blocks.kind[b], blocks.turn[b]
+            turned = abs(other[t, o] - one[t, o]) if kind == ANGLE else 0.0
+            if kind == DIRECTION:
+                turned = angle_between(kind, blocks.n_dims, one[t], other[t], o)
+            if turned > 0.5 * pi:  # else one might turn once more than the other
+                return False
+        if not edge_is_free(space, one[t], other[t], margin, scratch, nodes):
+            return False
+    return True
+
+
+@kernel
 def nearest(space, tree, count, q):
     """Return the index of the node of a tree that is nearest to q, of the first `count`."""
     best, least = 0, np.inf

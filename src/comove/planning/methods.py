@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,6 +22,7 @@ from comove.planning.configurations import (
     Space,
     SpaceSettings,
     configuration_space,
+    deforms,
     lifted,
     span,
     way_length,
@@ -76,6 +77,7 @@ class MethodSettings:
     turns : extra turns of the load, by restart
     rounds, draws, spread : rounds of bumps, bumps drawn in each, and their height [m]
     worth_another : relative gain below which another path counts as no better
+    compared : samples between those at which a path is compared with motions
     n_polished : cheapest fits of different plans that convex programmes improve
     hasty_idle : paths without gain that are enough where the duration is minimised, which takes longer
     smoothing_share : share of the work of the budget before functions of the user are minimised
@@ -105,6 +107,7 @@ class MethodSettings:
     draws: int = 64
     spread: float = 0.3
     worth_another: float = 0.01
+    compared: int = 8
     n_polished: int = 3
     hasty_idle: int = 2
     smoothing_share: float = 0.4
@@ -282,9 +285,11 @@ class Comove(Method):
         """Smooth several planned paths, and the demonstration; return whether a motion was found that will do.
 
         The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
-        smoothed first: long paths seldom make good motions.
+        smoothed first: long paths seldom make good motions. In the plane, those that can be deformed into a motion
+        that is known would become the same.
         """
         failures = idle = met = smooth = 0
+        known = list[tuple[Array, float]]()
         space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
@@ -314,6 +319,11 @@ class Comove(Method):
                 continue
             targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
             before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
+            like = _like(space, targets[0][:: self.settings.compared], known)
+            if like is not None:  # what it would become is known
+                tried, idle = tried + 1, idle + 1
+                met += like < (1 + self.settings.worth_another) * search.found.best_cost
+                continue
             if tried == 0 and search.taught is not None and follows(search):
                 search.journal.stage = "smoothing the demonstration"
                 smooth_demonstration(search, search.taught, self.settings.smoothing)
@@ -322,6 +332,10 @@ class Comove(Method):
             boundary = np.stack([ends[0], ends[1], goal, ends[3]])
             done = smooth_way(search, targets[0], boundary, self.settings.smoothing)
             tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
+            # In space ways around an obstacle can be deformed into each other, and yet differ.
+            if done and space.blocks.n_dims == 2 and not dear and search.found.latest_motion is not None:
+                times = np.linspace(0.0, 1.0, N_STEPS)[:: self.settings.compared]
+                known.append((search.found.latest_motion.at(times)[0], search.found.latest))
             if search.found.best is None and self._will_do(search):
                 return True
             gained = search.found.best_cost < (1 - self.settings.worth_another) * before
@@ -517,6 +531,14 @@ class Plans(NamedTuple):
         in_time = bool(search.scene.moving.any() or ends[1].any())
         planner = _planner_in_time if in_time else _planner
         return cls(space, ends, planner(search, space, ends, method), in_time)
+
+
+def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:
+    """Return the cost of a known motion that a path can be deformed into; None if there is none."""
+    for path, cost in known:
+        if deforms(space, np.ascontiguousarray(way), path, 0.0):
+            return cost
+    return None
 
 
 def _unsampled(scene: Scene) -> Scene:

@@ -134,7 +134,7 @@ class Found:
     Attributes
     ----------
     best, best_motion, best_cost : verdict on the best motion so far, that motion, and its value of the objective
-    latest : value of the last motion that was verified (or, where obstacles are costs, judged)
+    latest, latest_motion : value of the last motion that was verified (or, where obstacles are costs, judged), and it
     first_verified : time from the start to the first verified motion [s]
     kept : all motions that were the best at their time, in order
     attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
@@ -147,6 +147,7 @@ class Found:
     best_motion: CoordinatedMotion | None = None
     best_cost: float = np.inf
     latest: float = np.inf
+    latest_motion: CoordinatedMotion | None = None
     first_verified: float | None = None
     kept: list[CoordinatedMotion] = field(default_factory=list)
     attempt: CoordinatedMotion | None = None
@@ -323,6 +324,7 @@ class Search:
             self.found.first_verified = self.clock.elapsed()
         if verdict.verified is not None or not self.hard:
             cost = self.found.latest = self.worth(motion)
+            self.found.latest_motion = motion
             if cost < self.found.best_cost:
                 self.found.best, self.found.best_motion, self.found.best_cost = verdict, motion, cost
                 self.found.kept.append(motion)
