@@ -1,6 +1,6 @@
 """Torques of a joint motion, and the least duration in which the motors can run it.
 
-Torques are inverse dynamics with the load's mass at the hands, by Pinocchio.
+Torques are inverse dynamics with the load's mass at the hands.
 
 Torques are *sampled*, at 100 Hz or finer and in the middle between two samples; between these instants there is no
 rigorous bound. The largest deviation of a middle value from the mean of its neighbours is added to every sample: a
@@ -36,6 +36,7 @@ from comove.robots.motion import (
     largest_velocity,
     subdivided,
 )
+from comove.robots.verification.kinematics import Inertias, inverse_dynamics
 
 
 def load_mass(scene: Scene) -> float:
@@ -236,11 +237,8 @@ def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceler
     ----------
     loaded : the robot's model with the load
     """
-    data = loaded.createData()
-    motion = zip(position, velocity, acceleration, strict=True)
-    torque = np.array([pin.rnea(loaded, data, q, v, a) for q, v, a in motion])
+    torque = inverse_dynamics(robot, Inertias.of(loaded), position, velocity, acceleration)
     if robot.relief.any():
-        data = robot.model.createData()
-        weight = np.array([pin.computeGeneralizedGravity(robot.model, data, q) for q in position])
-        torque -= robot.relief * weight
+        still = np.zeros_like(position)
+        torque -= robot.relief * inverse_dynamics(robot, Inertias.of(robot.model), position, still, still)
     return torque

@@ -89,7 +89,7 @@ def test_hands_and_their_frames_move_as_their_velocities_say():
 
 
 def test_bounds_of_the_hands_motion_hold():
-    """Speeds, third derivatives and swing, against differences."""
+    """Speeds, accelerations, third derivatives and swing, against differences."""
     carried = Carried(known_carry()[0])
     knots = carried.time
     middle, width = 0.5 * (knots[1:] + knots[:-1]), np.diff(knots)
@@ -97,7 +97,9 @@ def test_bounds_of_the_hands_motion_hold():
     begin, end = inside[:, 0], inside[:, -1]
     places = carried.nodes(inside.ravel()).reshape(*inside.shape, -1, 3)
     speed = np.linalg.norm(np.diff(places, axis=1), axis=-1) / (0.2 * width[0])
-    assert (speed.max(axis=1) <= carried.speed.over(begin, end) * (1 + 1e-9)).all()
+    pull = np.linalg.norm(np.diff(places, n=2, axis=1), axis=-1) / (0.2 * width[0]) ** 2
+    for bound, found in zip(carried.bounds.over(begin, end).T, (speed, pull), strict=True):
+        assert (found.max(axis=(1, 2)) <= bound * (1 + 1e-6) + 1e-7).all()
     third = np.linalg.norm(np.diff(places[:, :, :2], n=3, axis=1)[:, 0], axis=-1) / (0.2 * width[0]) ** 3
     assert (third <= carried.jerk.over(begin, end) * 1.01 + 1e-4).all()
     along = places[:, :, 0] - places[:, :, 1]

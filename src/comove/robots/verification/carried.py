@@ -41,7 +41,7 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
-from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by, reaches_of
+from comove.robots.verification.kinematics import joint_motions, reaches_of
 from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
 
@@ -49,8 +49,8 @@ class LoadMotion(Protocol):
     """A load in motion, as the clearance is certified for it: `Carried`, or one that lies still."""
 
     @property
-    def speed(self) -> Ranges:
-        """Return upper bounds of the speed of every node [m/s]."""
+    def bounds(self) -> Ranges:
+        """Return upper bounds of the nodes' speed [m/s] and acceleration [m/s^2]; of width 2."""
 
     def nodes(self, time: Array) -> Array:
         """Compute the positions of the nodes; array, shape (n_steps, n_nodes, 3) [m]."""
@@ -104,9 +104,11 @@ class Carried:
         return grasp.hand_rotations(nodes), np.where(grasp.turning[:, None], spin[:, None], 0.0)
 
     @cached_property
-    def speed(self) -> Ranges:
-        """Return upper bounds of the speed of every node [m/s]."""
-        return Ranges(self.time, self._speeds / self.motion.scene.duration)
+    def bounds(self) -> Ranges:
+        """Return upper bounds of the nodes' speed [m/s] and acceleration [m/s^2]; of width 2."""
+        duration = self.motion.scene.duration
+        bounds = self._speeds / duration, self._bounds.acceleration / duration**2
+        return Ranges(self.time, np.column_stack([bound.max(axis=1) for bound in bounds]))
 
     @cached_property
     def jerk(self) -> Ranges:
@@ -363,16 +365,15 @@ def _grasp_frames(
     """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
     frame.
     """
-    turns, origins = joint_placements(robot, positions)
-    twists, moves = joint_twists(robot, turns, origins, rates), moved_by(robot)
+    turns, origins, speeds, turnings = joint_motions(robot, positions, rates)
     places, rotations, velocities, spins = [], [], [], []
     for arm in arms:
         joint, grasp = robot.grasp_frame(arm)
-        twist = twists[:, moves[joint]].sum(axis=1)
-        places.append(origins[joint] + turns[joint] @ grasp.translation)
-        rotations.append(turns[joint] @ grasp.rotation)
-        velocities.append(twist[:, :3] + cross(twist[:, 3:], places[-1]))
-        spins.append(twist[:, 3:])
+        lever = turns[:, joint] @ grasp.translation
+        places.append(origins[:, joint] + lever)
+        rotations.append(turns[:, joint] @ grasp.rotation)
+        velocities.append(speeds[:, joint] + cross(turnings[:, joint], lever))
+        spins.append(turnings[:, joint])
     return np.stack(places, 1), np.stack(rotations, 1), np.stack(velocities, 1), np.stack(spins, 1)
 
 
