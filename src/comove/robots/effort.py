@@ -18,6 +18,7 @@ equal one.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -87,8 +88,9 @@ def _rounded_down(value: float, digits: int = 3) -> str:
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
+@lru_cache(maxsize=8)
 def _shares(scene: Scene) -> Array:
-    """Return the share of the load's mass that every hand carries; array, shape (n_hands,)."""
+    """Return the share of the load's mass that every hand carries; array, shape (n_hands,), not to be changed."""
     shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
     if not holders:
         return shares

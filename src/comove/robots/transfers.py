@@ -259,7 +259,7 @@ class Retreat:
     def bodies(self) -> Bodies:
         """Return all bodies, the load's at the end, and named so."""
         bases = Bases(self.robot, self.robot.description.uncertainty)
-        where, _ = self.carried.hands(self.carried.time)
+        where = self.carried.hands(self.carried.time).positions
         bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).placed_at(self.place)
         named = list(bodies.bodies)
         for rod, *_ in bodies.rods:

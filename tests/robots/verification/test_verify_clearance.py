@@ -344,14 +344,14 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
     assert verdict.report.clearance_scene == pytest.approx(room, abs=1.2e-3)
 
 
-def test_halves_of_cells_cover_the_same_pairs_at_the_same_times():
+def test_parts_of_cells_cover_the_same_pairs_at_the_same_times():
     world = world_of(known_carry()[0])[1]
     cells = Cells.first(world, 6)
     chosen = np.flatnonzero(np.random.default_rng(0).random(len(cells.pair)) < 0.5)
-    halves = cells.halved(chosen)
-    assert (halves.number // 2 == np.repeat(cells.number[chosen], 2)).all()
-    assert (halves.number % 2 == np.tile([0, 1], len(chosen))).all()
-    assert (halves.pair == np.repeat(cells.pair[chosen], 2)).all()
+    parts = cells.divided(chosen)
+    assert (parts.number // 4 == np.repeat(cells.number[chosen], 4)).all()
+    assert (parts.number % 4 == np.tile(range(4), len(chosen))).all()
+    assert (parts.pair == np.repeat(cells.pair[chosen], 4)).all()
 
 
 def test_intervals_meet_and_last_as_long_as_the_motion():

@@ -77,10 +77,11 @@ def test_hands_and_their_frames_move_as_their_velocities_say():
     """Velocities of hands and grasp frames are differences of places and orientations."""
     carried = Carried(known_carry()[0])
     time, step = np.linspace(0.5, 9.5, 40), 1e-5
-    (ahead, _), (behind, _) = carried.hands(time + step), carried.hands(time - step)
-    np.testing.assert_allclose(carried.hands(time)[1], (ahead - behind) / (2 * step), atol=1e-8)
-    rotations, spins = carried.rotations(time)
-    later, earlier = carried.rotations(time + step)[0], carried.rotations(time - step)[0]
+    held, ahead, behind = (carried.hands(when) for when in (time, time + step, time - step))
+    change = (ahead.positions - behind.positions) / (2 * step)
+    np.testing.assert_allclose(held.velocities, change, atol=1e-8)
+    rotations, spins = held.rotations, held.spins
+    later, earlier = ahead.rotations, behind.rotations
     for k in range(len(time)):
         for hand in range(2):
             change = pin.log3(later[k, hand] @ earlier[k, hand].T) / (2 * step)

@@ -35,7 +35,7 @@ def bodies():
     """Baxter among obstacles of every shape, one of which moves; and the load's motion."""
     scene = Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.3), BALL, ROUND, PASSING)))
     carried = Carried(on_scene(known_carry()[0], scene))
-    hands, _ = carried.hands(carried.time)
+    hands = carried.hands(carried.time).positions
     return bodies_of(Bases(baxter(), Uncertainty()), baxter().arms, carried, hands, 0.0), carried
 
 
@@ -159,7 +159,7 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     scene = Scene.from_dict(scene_data(obstacles=(TABLE,)))
     carried = Carried(on_scene(motion, scene))
     world = bodies_of(
-        Bases(baxter(), Uncertainty()), baxter().arms, carried, carried.hands(carried.time)[0], 0.0
+        Bases(baxter(), Uncertainty()), baxter().arms, carried, carried.hands(carried.time).positions, 0.0
     )
     pair = [world.name(k) for k in range(len(world.kind))].index("l_gripper_l_finger and obstacles[0] (box)")
     numbers = np.arange(50)

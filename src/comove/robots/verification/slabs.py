@@ -464,7 +464,7 @@ def bound_cells(
         parted = _along(solids, pairs, at, i, number, normal, FINE)
         bound[k] = max(bound[k], parted - less)
         if bound[k] >= enough(need, kind) or parted - taken >= enough(need, kind):
-            continue  # the latter are decided by halves along the same vector
+            continue  # the latter are decided by parts along the same vector
         wide, distance = measured(solids, pairs, at, i, number, normal, need)
         bound[k] = max(bound[k], wide - change_ - taken)
         if distance == -np.inf:
