@@ -24,9 +24,9 @@ as that of a position by two joints is no longer than the reach r_j of the one n
 largest acceleration of its nodes, and obstacles that move add h/2 times their speed. So a hand that glides over a
 table comes no nearer to it, however fast it is.
 
-Where both bounds are too small, the time interval is divided into four, for those pairs only. Coal computes the distances of
-bodies that are not convex, and of those that are in each other. Meshes are looked at by their convex hulls first, and
-themselves only where hulls are too near, as that takes a thousand times as long.
+Where both bounds are too small, the time interval is divided into four, for those pairs only. Coal computes the
+distances of bodies that are not convex, and of those that are in each other. Meshes are looked at by their convex
+hulls first, and themselves only where hulls are too near, as that takes a thousand times as long.
 """
 
 from __future__ import annotations
