@@ -573,12 +573,13 @@ class RobotCarrier(LimitedKinematics):
             vars(self).pop(name, None)
 
     def try_following(self) -> None:
-        """Follow the straight motion from start to goal."""
+        """Follow the straight motion from start to goal, and verify that."""
         coordinates = load_coordinates(self.scene)
         straight = CoordinatedMotion.straight(self.scene, coordinates)
         nodes = coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None]))
         self.ask(nodes)
-        self.track(straight)
+        joints, _ = self.track(straight)
+        verify_joints(self.robot, straight, joints)
         follower = self.along(nodes[0])
         follower.slopes(coordinates.blocks, straight.knots[0], *follower.follow(nodes[0]))
 

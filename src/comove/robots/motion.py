@@ -150,8 +150,6 @@ def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) 
     -------
     Extreme : inf for a joint that moves at its limit, or comes to rest there
     """
-    if not (approach > 0.0).any():
-        return Extreme(0.0, 0, float(curve.x[0]))
     return Extreme(*_fastest_approach(curve.c, np.array(curve.x), approach, lower, upper))
 
 
@@ -245,7 +243,7 @@ def fastest(curve: PPoly) -> tuple[Array, Array]:
 @kernel
 def _fastest(c: Array, x: Array) -> tuple[Array, Array]:
     """Return what `fastest` does."""
-    speed, when = np.empty(c.shape[1:]), np.empty(c.shape[1:])
+    speed, when = np.empty((c.shape[1], c.shape[2])), np.empty((c.shape[1], c.shape[2]))
     for i in range(c.shape[1]):
         width = x[i + 1] - x[i]
         for k in range(c.shape[2]):
@@ -266,15 +264,16 @@ def places(curve: PPoly) -> tuple[Array, Array]:
 @kernel
 def _places(c: Array, x: Array) -> tuple[Array, Array]:
     """Return what `places` does."""
-    n, width = c.shape[1], np.diff(x)
+    n = c.shape[1]
     time, position = np.empty((3 * n + 1, c.shape[2])), np.empty((3 * n + 1, c.shape[2]))
     for k in range(c.shape[2]):
         time[0, k], position[0, k] = x[0], c[3, 0, k]
         for i in range(n):
             cubic, square, slope, start = c[0, i, k], c[1, i, k], c[2, i, k], c[3, i, k]
-            first, second = _roots(3.0 * cubic, square, slope, width[i])
+            width = x[i + 1] - x[i]
+            first, second = _roots(3.0 * cubic, square, slope, width)
             row = 3 * i + 1
-            for s in (first, second, width[i]):
+            for s in (first, second, width):
                 time[row, k] = x[i] + s
                 position[row, k] = ((cubic * s + square) * s + slope) * s + start
                 row += 1
@@ -317,9 +316,16 @@ def _largest(time: Array, bounds: Array, begin: Array, end: Array) -> Array:
     """Return what `Ranges.over` does."""
     result = np.empty((begin.shape[0], bounds.shape[1]))
     for k in range(begin.shape[0]):
-        first = min(max(np.searchsorted(time, begin[k], side="right") - 1, 0), bounds.shape[0] - 1)
-        result[k] = bounds[first]
-        row = first + 1
+        low, high = 0, bounds.shape[0] - 1
+        while low < high:  # the last row that begins at `begin` or before
+            middle = (low + high + 1) // 2
+            if time[middle] <= begin[k]:
+                low = middle
+            else:
+                high = middle - 1
+        for column in range(bounds.shape[1]):
+            result[k, column] = bounds[low, column]
+        row = low + 1
         while row < bounds.shape[0] and time[row] < end[k]:
             for column in range(bounds.shape[1]):
                 result[k, column] = max(result[k, column], bounds[row, column])

@@ -16,7 +16,7 @@ vector to the hand no longer than its reach L (1 where joints slide); with S1, S
 
     |p'''| <= L (S3 + 3 S1 S2 + S1^3),     |omega''| <= S3 + 3 S1 S2 + S1^3.
 
-The grid is that of the samples, made finer where this is not tight enough. Kinematics are Pinocchio's.
+The grid is that of the samples, made finer where this is not tight enough.
 """
 
 from __future__ import annotations

@@ -55,7 +55,6 @@ from comove.robots.verification.slabs import (
     distances_of_balls,
     enough,
     measure_cells,
-    note,
 )
 
 
@@ -295,7 +294,7 @@ class Level:
         knot, bodies = int(self.at.knot[row, 1]), self.bodies
         placed = _placed(bodies, pair, self.at.turns[knot], self.at.places[knot])
         distance = distance_of(*placed) - float(bodies.taken[pair])
-        note(self.need, int(bodies.kind[pair]), pair, knot, distance)
+        self.need.note(int(bodies.kind[pair]), pair, knot, distance)
         return distance
 
     def bounds(self) -> tuple[Array, int]:
@@ -309,13 +308,12 @@ class Level:
             bodies.solids, bodies.pairs, self.at, self.row, pair, self.cells.normal, need, state, bound
         )
         left = np.flatnonzero(state == MEASURE)
-        if len(left):
-            exact = bodies.exact[pair[left]]
-            change = changes(bodies.pairs, self.at, self.row[left], exact)
-            for k in np.argsort(bound[left], kind="stable").tolist():
-                cell, number = left[k], int(exact[k])
-                if bound[cell] < enough(need, int(bodies.kind[number])):
-                    bound[cell] = max(bound[cell], self.measure(self.row[cell], number) - change[k])
+        left = left[np.argsort(bound[left], kind="stable")]
+        row, exact = self.row[left], bodies.exact[pair[left]]
+        change = changes(bodies.pairs, self.at, row, exact)
+        for cell, *where, moved in zip(left, row.tolist(), exact.tolist(), change, strict=True):
+            if bound[cell] < enough(need, bodies.kind[pair[cell]]):
+                bound[cell] = max(bound[cell], self.measure(*where) - moved)
         return bound, int((state != OPEN).sum())
 
 

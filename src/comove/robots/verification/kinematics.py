@@ -271,7 +271,9 @@ def _moved(tree: Tree, q: Array, rates: Array) -> tuple[Array, Array, Array, Arr
     velocities, spins = np.zeros((n_rates, n_frames, 3)), np.zeros((n_rates, n_frames, 3))
     own, axis, arm = np.empty((3, 3)), np.empty(3), np.empty(3)
     for t in range(n_steps):
-        turns[t, 0] = np.eye(3)
+        for a in range(3):
+            for b in range(3):
+                turns[t, 0, a, b] = 1.0 if a == b else 0.0
         for j in range(1, n_frames):
             before, value = turns[t, tree.parents[j]], q[t, tree.columns[j]]
             sine, versine = np.sin(value), 1.0 - np.cos(value)

@@ -23,7 +23,9 @@ POINTS, CYLINDER, ELLIPSOID, OTHER = range(
 OPEN, SEEN, MEASURE = range(
     3
 )  # cells that are far enough by balls; that are bounded; whose bodies coal measures
-ROUGH, FINE, CORE = range(3)  # how exactly it is computed how far bodies reach
+ROUGH, FINE, CORE = np.arange(
+    3
+)  # how exactly it is known how far bodies reach; literals have types of their own
 MAX_STEPS = 60  # of GJK; gaps are bounds of the distance after any of them
 NEAR = 5e-7  # m, by which gap and distance may differ when GJK ends
 ROUNDING = 1e-13  # m
@@ -132,6 +134,11 @@ class Need(NamedTuple):
     tight: float
     loose: float
 
+    def note(self, kind: int, pair: int, knot: int, distance: float) -> None:
+        """Keep a distance if it is the least of its kind."""
+        if distance < self.upper[kind]:
+            self.upper[kind], self.pair[kind], self.knot[kind] = distance, pair, knot
+
 
 @kernel
 def enough(need: Need, kind: int) -> float:
@@ -151,20 +158,13 @@ def enough(need: Need, kind: int) -> float:
 
 
 @kernel
-def note(need: Need, kind: int, pair: int, knot: int, distance: float) -> None:
-    """Keep a distance if it is the least of its kind."""
-    if distance < need.upper[kind]:
-        need.upper[kind], need.pair[kind], need.knot[kind] = distance, pair, knot
-
-
-@kernel
 def ball_centers(solids: Solids, turns: Array, places: Array) -> Array:
     """Compute the centres of the balls about all bodies; array, shape (n_instants, n_bodies, 3) [m]."""
     centers = np.empty((turns.shape[0], solids.frame.shape[0], 3))
     for i in range(turns.shape[0]):
         for body in range(solids.frame.shape[0]):
             turn, place = turns[i, solids.frame[body]], places[i, solids.frame[body]]
-            x, y, z = solids.center[body]
+            x, y, z = solids.center[body, 0], solids.center[body, 1], solids.center[body, 2]
             for axis in range(3):
                 centers[i, body, axis] = (
                     place[axis] + turn[axis, 0] * x + turn[axis, 1] * y + turn[axis, 2] * z
@@ -202,7 +202,10 @@ def change(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
 @kernel
 def changes(pairs: Pairs, at: Intervals, row: Integers, pair: Integers) -> Array:
     """Bound how much distances change within half an interval; array, shape (n_cells,) [m]."""
-    return np.array([change(pairs, at, row[k], pair[k]) for k in range(row.shape[0])])
+    result = np.empty(row.shape[0])
+    for k in range(row.shape[0]):
+        result[k] = change(pairs, at, row[k], pair[k])
+    return result
 
 
 @kernel
@@ -223,7 +226,7 @@ def _bulge(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
     return 0.125 * at.half**2 * (bend + 2.0 * speed * sweep) + 0.5 * at.half * by_obstacles
 
 
-@kernel(fastmath={"nnan", "nsz", "reassoc"})
+@kernel
 def _most(points: Array, first: int, last: int, x: float, y: float, z: float) -> float:
     """Return how far points reach along a vector."""
     most = -1e300
@@ -332,7 +335,8 @@ def apart(solids: Solids, a: int, b: int, turns: Array, places: Array, normal: A
                     y + weights[i] * corners[i, 1],
                     z + weights[i] * corners[i, 2],
                 )
-                corners[kept] = corners[i]
+                for axis in range(3):
+                    corners[kept, axis] = corners[i, axis]
                 kept += 1
         n, length = kept, sqrt(x * x + y * y + z * z)
         if n == 4 or length < TOUCHING:
@@ -370,13 +374,17 @@ def measured(
     `normal` is in the frame that both bodies share.
     """
     a, b, knot = pairs.ends[pair, 0], pairs.ends[pair, 1], at.knot[row, 1]
-    turns, places = at.turns[knot], at.places[knot]
+    turns, places, there = at.turns[knot], at.places[knot], np.empty(3)
     turn = turns[pairs.common[pair]]
-    there = turn @ normal
+    for axis in range(3):
+        there[axis] = turn[axis, 0] * normal[0] + turn[axis, 1] * normal[1] + turn[axis, 2] * normal[2]
     wide, distance = apart(solids, a, b, turns, places, there)
-    normal[:] = there @ turn
+    for axis in range(3):
+        normal[axis] = turn[0, axis] * there[0] + turn[1, axis] * there[1] + turn[2, axis] * there[2]
     if pairs.is_exact[pair] and distance > -np.inf:
-        note(need, pairs.kind[pair], pair, knot, distance - pairs.taken[pair])
+        kind = pairs.kind[pair]
+        if distance - pairs.taken[pair] < need.upper[kind]:
+            need.upper[kind], need.pair[kind], need.knot[kind] = distance - pairs.taken[pair], pair, knot
     return wide, distance
 
 
@@ -454,7 +462,8 @@ def bound_cells(
         state[k] = SEEN
         if normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0:
             if before >= 0 and pair[before] == number:
-                normal[:] = normals[before]
+                for axis in range(3):
+                    normal[axis] = normals[before, axis]
             else:
                 begin_normal(centers, pairs, at, i, number, normal)
         before, less = k, _bulge(pairs, at, i, number) + taken
