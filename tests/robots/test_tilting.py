@@ -150,7 +150,7 @@ def test_a_mesh_is_carried_as_the_box_that_it_is(tmp_path):
     carrier = RobotCarrier(robot(), scene)
     nodes, q = scene.nodes_at("start"), joints.curve(0.0)[carrier.ends.columns]
     near = [
-        c.ends.clearance(q, n)
+        c.ends.clearances(q[None], n)[0]
         for c, n in ((carrier, nodes), (followed()[1], followed()[0].scene.nodes_at("start")))
     ]
     assert near[0] == pytest.approx(near[1], abs=excess)

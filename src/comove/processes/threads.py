@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -35,7 +37,8 @@ class _Limit:
         with self.lock:
             self.users += 1
             if self.users == 1:
-                self.before = [(library, library.get()) for library in _libraries()]
+                libraries = _libraries(len(sys.modules))  # modules bring them along
+                self.before = [(library, library.get()) for library in libraries]
                 for library, _ in self.before:
                     library.set(1)
 
@@ -65,8 +68,9 @@ def one_blas_thread() -> Iterator[None]:
         _LIMIT.end()
 
 
-def _libraries() -> list[_Library]:
-    """Return the OpenBLAS libraries that are loaded; none of other makes."""
+@lru_cache(maxsize=1)
+def _libraries(n_modules: int) -> list[_Library]:
+    """Return the OpenBLAS libraries that are loaded with so many modules; none of other makes."""
     found = list[_Library]()
     for path in sorted(_paths()):
         try:

@@ -558,7 +558,7 @@ class RobotCarrier(LimitedKinematics):
     def is_clear_at_ends(self) -> bool:
         """Return whether the likeliest joints at both ends may be clear, as capsules tell it."""
         ends = zip(self._pairs[0], ("start", "goal"), strict=True)
-        return all(self.ends.at(end).tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
+        return all(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0] < 2 for q, end in ends)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""
@@ -636,4 +636,4 @@ class RobotCarrier(LimitedKinematics):
 
         The former counts first: a smoother motion mends rates, but hardly ever links that meet.
         """
-        return self.ends.tight(strain.clearance[0]), float(strain.penalty.sum() + strain.contact[0])
+        return int(self.ends.tight(strain.clearance)[0]), float(strain.penalty.sum() + strain.contact[0])

@@ -67,16 +67,7 @@ def solids(*shapes):
     own = [pin.SE3.Random() for _ in shapes]
     frames = [pin.SE3.Random() for _ in shapes]
     parts = [solid_of(pin.GeometryObject("", 0, at, shape)) for shape, at in zip(shapes, own, strict=True)]
-    kind, points, *others = zip(*parts, strict=True)
-    made = Solids(
-        np.arange(len(parts)),
-        np.array(kind),
-        np.cumsum([0, *(part.shape[1] for part in points)]),
-        np.ascontiguousarray(np.hstack(points)),
-        *map(np.array, others),
-        np.array([part.min(axis=1, initial=np.inf) for part in points]),
-        np.array([part.max(axis=1, initial=-np.inf) for part in points]),
-    )
+    made = Solids.of(np.arange(len(parts)), parts)
     turns, places = np.array([x.rotation for x in frames]), np.array([x.translation for x in frames])
     return made, turns, places, [frame * at for frame, at in zip(frames, own, strict=True)]
 

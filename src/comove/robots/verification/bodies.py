@@ -86,6 +86,7 @@ class Links(NamedTuple):
     joint : array, shape (n_bodies,), joint that each is on
     reach, root, length : arrays, shape (n_bodies, n_joints), (n_bodies, 3) and (n_bodies,), see `Reaches.of_ball`
     base : array, shape (n_bodies,), number of the model whose base carries a body
+    solids : the bodies as kernels take them
     """
 
     bodies: tuple[Body, ...]
@@ -95,6 +96,7 @@ class Links(NamedTuple):
     root: Array
     length: Array
     base: Integers
+    solids: Solids
 
 
 @lru_cache(maxsize=8)
@@ -117,6 +119,7 @@ def links_of(robot: Robot) -> Links:
         np.array([root for _, root, _ in found]).reshape(-1, 3),
         np.array([length for _, _, length in found]),
         np.array([bases.numbers.get(body.name, 0) for body in bodies], dtype=np.int64),
+        Solids.of(joint, [body.solid for body in bodies]),
     )
 
 
@@ -247,23 +250,13 @@ class Bodies:
     @cached_property
     def solids(self) -> Solids:
         """Return the bodies as kernels take them."""
-        placed = set(self.moving.body.tolist())
-        here = pin.SE3.Identity()
-        own = [solid_of(body.item, here) if k in placed else body.solid for k, body in enumerate(self.bodies)]
-        kind, points, size, turn, place, center, radius = (list(x) for x in zip(*own, strict=True))
-        return Solids(
-            self.frame,
-            np.array(kind, dtype=np.int64),
-            np.cumsum([0, *(part.shape[1] for part in points)]),
-            np.ascontiguousarray(np.hstack(points)),
-            np.array(size),
-            np.array(turn),
-            np.array(place),
-            np.array(center),
-            np.array(radius),
-            np.array([part.min(axis=1, initial=np.inf) for part in points]),
-            np.array([part.max(axis=1, initial=-np.inf) for part in points]),
-        )
+        links, placed, here = links_of(self.robot), set(self.moving.body.tolist()), pin.SE3.Identity()
+        n_own = len(links.bodies)
+        others = [
+            solid_of(body.item, here) if k in placed else body.solid
+            for k, body in enumerate(self.bodies[n_own:], start=n_own)
+        ]
+        return links.solids.with_others(Solids.of(self.frame[n_own:], others)) if others else links.solids
 
     @cached_property
     def pairs(self) -> Pairs:

@@ -7,6 +7,7 @@ interval before, or from GJK (Gilbert, Johnson & Keerthi, 1988), which also tell
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 from typing import NamedTuple
 
@@ -70,6 +71,31 @@ class Solids(NamedTuple):
     radius: Array
     lower: Array
     upper: Array
+
+    @classmethod
+    def of(cls, frame: Integers, solids: Sequence[Solid]) -> Solids:
+        """Return bodies in frames, array of shape (n_bodies,)."""
+        kind, points, size, turn, place, center, radius = (list(x) for x in zip(*solids, strict=True))
+        return cls(
+            frame,
+            np.array(kind, dtype=np.int64),
+            np.cumsum([0, *(part.shape[1] for part in points)]),
+            np.ascontiguousarray(np.hstack(points)),
+            np.array(size),
+            np.array(turn),
+            np.array(place),
+            np.array(center),
+            np.array(radius),
+            np.array([part.min(axis=1, initial=np.inf) for part in points]),
+            np.array([part.max(axis=1, initial=-np.inf) for part in points]),
+        )
+
+    def with_others(self, others: Solids) -> Solids:
+        """Return these bodies and others."""
+        axes = [1 if name == "points" else 0 for name in self._fields]
+        joined = [np.concatenate(both[:2], axis=both[2]) for both in zip(self, others, axes, strict=True)]
+        first = np.append(self.first, self.first[-1] + others.first[1:])
+        return Solids(*joined)._replace(first=first)
 
 
 class Pairs(NamedTuple):
