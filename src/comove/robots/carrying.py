@@ -31,7 +31,6 @@ from comove.robots.ends import (
     THREADS,
     EndJoints,
     EndSettings,
-    Pair,
     Tally,
     apart,
     of_robot,
@@ -304,17 +303,17 @@ class RobotCarrier(LimitedKinematics):
         )
 
     @cached_property
-    def _pairs(self) -> tuple[Pair, ...]:
+    def _pairs(self) -> Array:
         """Return pairs of joint positions at start and goal, as paths between them are likely, of those that leave
-        room for approach and release.
+        room for approach and release; array, shape (n_pairs, 2, n_joints).
         """
         pairs = self.ends.pairs(self.starts, self.goals)
         if not self.transfers:
             return pairs
-        admitted = tuple(islice((pair for pair in pairs if self._admits(*pair)), self.settings.ends.n_pairs))
+        admitted = list(islice((pair for pair in pairs if self._admits(*pair)), self.settings.ends.n_pairs))
         if not admitted:
             raise self._no_retreat(pairs[0])
-        return admitted
+        return np.array(admitted)
 
     @cached_property
     def _retreats(self) -> dict[str, Retreat]:
@@ -355,7 +354,7 @@ class RobotCarrier(LimitedKinematics):
             self._refused[key] = error
         return self._refused[key]
 
-    def _no_retreat(self, pair: Pair) -> RobotError:
+    def _no_retreat(self, pair: Array) -> RobotError:
         """Return the error that no joints at the ends leave room for approach and release, by the likeliest pair."""
         refusals = (self._refusal(end, q) for end, q in zip(("start", "goal"), pair, strict=True))
         told = next(
@@ -621,7 +620,7 @@ class RobotCarrier(LimitedKinematics):
         best, first = penalties.argmin(axis=0), self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
         if bound and not self._admits(*chosen):
-            return np.stack(self._pairs[0]) if led is None else led
+            return self._pairs[0] if led is None else led
         return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
 
     def _onward(self, i: int, start: Array) -> Array:

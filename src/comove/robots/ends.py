@@ -10,9 +10,11 @@ from itertools import islice, product
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array, Integers
+from comove.compiled import kernel
 from comove.errors import SceneError
 from comove.model.grasp import Grasp
 from comove.model.scene import Scene
@@ -27,9 +29,6 @@ from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
-
-Pair = tuple[Array, Array]
-"""Joints of all arms at the start and at the goal."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ class EndJoints:
     settings: EndSettings = EndSettings()
     time: float | None = None
 
-    def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> tuple[Pair, ...]:
+    def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> Array:
         """Return pairs of joint positions at start and goal, first those with the least turns of joints.
 
         A pair's turns are the largest from the present joints to the start and the largest from there to the goal, as
@@ -152,6 +151,10 @@ class EndJoints:
         Parameters
         ----------
         starts, goals : joints at both ends, by arm; arrays, shape (n_branches, n_joints)
+
+        Returns
+        -------
+        array, shape (n_pairs, 2, n_joints)
         """
         at = [(self.at(end), self.scene.nodes_at(end)) for end in ("start", "goal")]
         both = [_combined(found) for found in (starts, goals)]
@@ -179,7 +182,7 @@ class EndJoints:
         every = self.settings.whatever
         places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
         ranked = once[np.argsort(places, kind="stable")]
-        return tuple((first[k], last[k]) for k in ranked)
+        return np.stack([first[ranked], last[ranked]], axis=1)
 
     def at(self, end: str) -> EndJoints:
         """Return the same among obstacles that stand where they are at an end."""
@@ -362,15 +365,12 @@ class EndJoints:
         """Return the distinct solutions of one arm, nearest to a posture first; `joints` has the shape (n, n_joints
         of the arm).
         """
-        return self._distinct(sorted(joints, key=lambda q: apart(q, posture)))
+        away = np.abs(joints - posture).max(axis=1).round(DIGITS)
+        return self._distinct(joints[np.argsort(away, kind="stable")])
 
-    def _distinct(self, joints: Iterable[Array]) -> Array:
+    def _distinct(self, joints: Array) -> Array:
         """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
-        kept: list[Array] = []
-        for q in joints:
-            if all(np.abs(q - other).max() > self.settings.same_branch for other in kept):
-                kept.append(q)
-        return np.array(kept)
+        return joints[_differ(np.ascontiguousarray(joints), self.settings.same_branch)]
 
     def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array, near: Array) -> Array:
         """Return distinct solutions of arm i that may be clear by its capsules, near some joints or elsewhere;
@@ -392,7 +392,7 @@ class EndJoints:
         joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
         joints = turned_towards(chains, near[part], joints, part)
         room = self._room(i, joints, nodes).round(DIGITS)
-        joints = self._distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
+        joints = self._distinct(np.concatenate([homely, joints[np.argsort(-room, kind="stable")]]))
         likely = np.flatnonzero(self._room(i, joints, nodes) > self.scene.clearance - FATTEST)
         measure, clearance = self._measure(i), self.scene.clearance
         free = (k for k in likely[: how.n_measured].tolist() if measure(joints[k]) > clearance)
@@ -481,7 +481,25 @@ def solved_for(
 
 def _combined(branches: Iterable[Array]) -> Array:
     """Return the joints of all arms in each combination of their branches; array, shape (n, n_joints)."""
-    return np.array([np.concatenate(q) for q in product(*branches)])
+    every = list(branches)
+    rows = np.indices([len(joints) for joints in every]).reshape(len(every), -1)
+    return np.hstack([joints[row] for joints, row in zip(every, rows, strict=True)])
+
+
+@kernel
+def _differ(joints: Array, apart: float) -> NDArray[np.bool_]:
+    """Return which joints, array of shape (n, n_joints), are further than `apart` from all before that are so."""
+    kept = np.zeros(joints.shape[0], dtype=np.bool_)
+    for k in range(joints.shape[0]):
+        kept[k] = True
+        for other in range(k):
+            away = 0.0
+            for j in range(joints.shape[1]):
+                away = max(away, abs(joints[k, j] - joints[other, j]))
+            if kept[other] and away <= apart:
+                kept[k] = False
+                break
+    return kept
 
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

@@ -307,7 +307,7 @@ def bodies_of(
         if body.hull is not None:
             hulls[mesh] = len(bodies)
             bodies.append(body.hull)
-    moving = MovingObstacles.among(scene, bodies, n_own, hulls)
+    moving = MovingObstacles.among(scene, [body.item for body in bodies], n_own, hulls)
     others = np.zeros(len(bodies) - n_own)
     joint = np.concatenate([links.joint, others.astype(np.int64)])
     holders = [arms[i] for i in scene.file.holder_numbers] if held else []
@@ -624,11 +624,14 @@ class MovingObstacles:
     place: Array
 
     @classmethod
-    def among(cls, scene: Scene, bodies: list[Body], first: int, hulls: Mapping[int, int]) -> MovingObstacles:
+    def among(
+        cls, scene: Scene, items: Sequence[Any], first: int, hulls: Mapping[int, int]
+    ) -> MovingObstacles:
         """Return the obstacles of a scene that move, among bodies.
 
         Parameters
         ----------
+        items : pinocchio.GeometryObjects of the bodies
         first : number of the first obstacle's body, which those of the others follow
         hulls : numbers of hulls, by those of the meshes that they hold
         """
@@ -636,7 +639,7 @@ class MovingObstacles:
         body = [(k, first + i) for k, i in enumerate(moving.tolist())]
         body += [(k, hulls[number]) for k, number in body if number in hulls]
         of, numbers = np.array(body, dtype=np.int64).reshape(-1, 2).T
-        placed = [bodies[number].item.placement for number in numbers.tolist()]
+        placed = [items[number].placement for number in numbers.tolist()]
         return cls(
             scene,
             moving,
