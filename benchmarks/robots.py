@@ -5,6 +5,7 @@
     python benchmarks/robots.py --seeds 5 --seed 410 --scenes g1 pr2
     python benchmarks/robots.py --only solve --open      # each as fast as its arms can
     python benchmarks/robots.py --only moving --count 100 --seed 2026 --difficulty robots-hard
+    python benchmarks/robots.py --only first --seeds 9   # milliseconds to the first verified motion, and of its parts
 
 Times are from the scene's file to the first and to the last verified joint motion, in seconds on the wall and of the
 processor, which other work on the machine hardly changes; imports, compiling and the robot itself are apart.
@@ -39,7 +40,7 @@ from comove.model import Scene, demonstration_of
 from comove.model.motion import CoordinatedMotion
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
-from comove.robots import JointMotion, Robot, RobotCarrier, VerifiedJointMotion, plan_transfers
+from comove.robots import JointMotion, Robot, RobotCarrier, VerifiedJointMotion, plan_transfers, verify_joints
 from comove.robots.kernels import load_robot_kernels
 from comove.sim import Friction, Perturbation, Weld, simulate
 from comove.verification.verify import verify
@@ -95,6 +96,42 @@ def solved(path: Path, seed: int, timed: bool = True) -> tuple[VerifiedJointMoti
         "links": min(report.clearance_scene, report.clearance_load, report.clearance_self),
         "load": found.report.clearance_min,
     }
+
+
+class _Heard(Exception):
+    """A first joint motion is verified; the rest of a search is not wanted."""
+
+
+def table_of_firsts(scenes: list[Path], seeds: range) -> None:
+    """Print a row a scene: medians of processor time to the first verified joint motion, and of verifying it [ms]."""
+    print_head(
+        ["scene", "motion lasts [s]", "scene read", "first motion", "its verification", "with tight bounds"]
+    )
+
+    def heard(motion: VerifiedJointMotion) -> None:
+        raise _Heard(motion)
+
+    for path in scenes:
+        robot, times, lasts = robot_of(path), list[list[float]](), np.nan
+        for seed in seeds:
+            marks = [time.process_time()]
+            scene = Scene.load(path)
+            demonstration = demonstration_of(scene)
+            marks.append(time.process_time())
+            try:
+                solve(scene, robot=robot, seed=seed, demonstration=demonstration, found=heard)
+                continue
+            except _Heard as first:
+                (motion,) = first.args
+            marks.append(time.process_time())
+            for slack in (1.0, 0.0):
+                assert verify_joints(robot, motion.motion, motion.joints, slack=slack).verified is not None
+                marks.append(time.process_time())
+            times.append(np.diff(marks).tolist())
+            lasts = motion.joints.duration
+        medians = np.median(times, axis=0) if times else np.full(4, np.nan)
+        print_row([path.stem, f"{lasts:.1f}", *(f"{1e3 * value:.1f}" for value in medians)])
+    print()
 
 
 def distance_error(robot: Robot, scene: Scene, joints: np.ndarray) -> float:
@@ -318,7 +355,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0, help="the first one")
     parser.add_argument("--scenes", nargs="+", help="names of scenes; all of them unless given")
-    parser.add_argument("--only", choices=("solve", "transfers", "simulate", "moving"))
+    parser.add_argument("--only", choices=("solve", "first", "transfers", "simulate", "moving"))
     parser.add_argument("--difficulty", choices=[*ROBOT_DIFFICULTIES], default="robots-easy", help="of these")
     parser.add_argument("--count", type=int, default=25, help="of drawn scenes with moving obstacles")
     parser.add_argument("--open", action="store_true", help="leave out the durations that scenes give")
@@ -330,6 +367,9 @@ def main() -> None:
     scenes = [path for path in SCENES if options.scenes is None or path.stem in options.scenes]
     for path in scenes:
         robot_of(path)
+    if options.only == "first":
+        table_of_firsts(scenes, range(options.seed, options.seed + options.seeds))
+        return
     count = options.seeds if options.only in (None, "solve") else 1
     motions = list(table_of_solves(scenes, range(options.seed, options.seed + count), not options.open))
     if options.only in (None, "transfers"):

@@ -106,7 +106,7 @@ def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others
     start, goal = (carrying.scene.nodes_at(end) for end in ("start", "goal"))
     _, least = min(
         (
-            max(carrying.ends.tightness(p, start), carrying.ends.tightness(q, goal)),
+            max(carrying.ends.tightness(p[None], start)[0], carrying.ends.tightness(q[None], goal)[0]),
             weighted(carrying, np.abs(p - home)) + turns_apart(carrying, p, q),
         )
         for p, q in pairs
@@ -212,7 +212,10 @@ def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
         ]
     )
     room = np.array(
-        [min(known.ends.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._pairs]
+        [
+            min(known.ends.clearances(q[None], nodes)[0] for q, nodes in zip(p, at, strict=True))
+            for p in known._pairs
+        ]
     )
     keeps = room > known.scene.clearance
     for some, most in ((np.ones(len(turns), dtype=bool), 1), (keeps, 3)):
@@ -400,7 +403,9 @@ def test_ends_of_the_examples_are_reached_without_contact_by_some_grasp(path):
         except SceneError:
             continue
         joints = [(np.concatenate([branches[0] for branches in found]), end) for found, end in ends]
-        clear += all(choice.ends.at(end).clearance(q, scene.nodes_at(end)) > 0.0 for q, end in joints)
+        clear += all(
+            choice.ends.at(end).clearances(q[None], scene.nodes_at(end))[0] > 0.0 for q, end in joints
+        )
     assert clear > 0
 
 

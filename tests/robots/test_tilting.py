@@ -85,12 +85,12 @@ def test_tilting_is_verified_with_its_spin_and_bounds():
     assert verify_joints(robot(), straight, joints).reasons == ()
     carried, h = Carried(straight), 1e-4
     time = np.linspace(2 * h, straight.scene.duration - 2 * h, 301)
-    _, spins = carried.rotations(time)
-    ahead, behind = carried.rotations(time + h), carried.rotations(time - h)
-    turned = (ahead[0] @ behind[0].swapaxes(-1, -2)).reshape(-1, 3, 3)
+    behind, held, ahead = (carried.hands(time + shift) for shift in (-h, 0.0, h))
+    spins = held.spins
+    turned = (ahead.rotations @ behind.rotations.swapaxes(-1, -2)).reshape(-1, 3, 3)
     by_difference = Rotation.from_matrix(turned).as_rotvec().reshape(spins.shape) / (2 * h)
     np.testing.assert_allclose(spins, by_difference, atol=1e-6)
-    jerk = np.linalg.norm(ahead[1] - 2 * spins + behind[1], axis=2) / h**2
+    jerk = np.linalg.norm(ahead.spins - 2 * spins + behind.spins, axis=2) / h**2
     bound = carried.swing.over(time - h, time + h)
     assert (jerk <= bound + 1e-3).all()
     assert bound.max() < 50 * jerk.max(), "and it is no bound for everything"
@@ -142,7 +142,7 @@ def test_a_mesh_is_carried_as_the_box_that_it_is(tmp_path):
     carrier = RobotCarrier(robot(), scene)
     nodes, q = scene.nodes_at("start"), joints.curve(0.0)[carrier.ends.columns]
     near = [
-        c.ends.clearance(q, n)
+        c.ends.clearances(q[None], n)[0]
         for c, n in ((carrier, nodes), (followed()[1], followed()[0].scene.nodes_at("start")))
     ]
     assert near[0] == pytest.approx(near[1], abs=excess)

@@ -26,7 +26,7 @@ def cross(a: Array, b: Array) -> Array:
 def quaternion_product(a: Array, b: Array) -> Array:
     """Compute the Hamilton product of quaternions (w, x, y, z); arrays, shape (..., 4)."""
     w = a[..., 0] * b[..., 0] - (a[..., 1:] * b[..., 1:]).sum(axis=-1)
-    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + cross(a[..., 1:], b[..., 1:])
     return np.concatenate([w[..., None], v], axis=-1)
 
 

@@ -14,7 +14,7 @@ import math
 import re
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sized
-from functools import reduce
+from functools import cache, reduce
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Union, get_args, get_origin
@@ -410,10 +410,8 @@ class Sparse(Part):
 
 def marked(part: Part, mark: str) -> Iterator[tuple[KeyPath, Any]]:
     """Yield the values of a part whose type has a mark, with their key paths: names, and vectors as a whole."""
-    for key, field in type(part).model_fields.items():
-        yield from _leaves(
-            (key,), getattr(part, key), mark, mark in _marks(field.annotation, *field.metadata)
-        )
+    for key, marks in _marks_of(type(part)).items():
+        yield from _leaves((key,), getattr(part, key), mark, mark in marks)
 
 
 def _leaves(path: KeyPath, value: Any, mark: str, has: bool) -> Iterator[tuple[KeyPath, Any]]:
@@ -441,10 +439,13 @@ def scaled(part: Part, factor: float) -> dict[str, Any]:
             return [times(item, grows) for item in value]
         return value * factor if grows and isinstance(value, float) else value
 
-    return {
-        key: times(getattr(part, key), SCALES in _marks(field.annotation, *field.metadata))
-        for key, field in type(part).model_fields.items()
-    }
+    return {key: times(getattr(part, key), SCALES in marks) for key, marks in _marks_of(type(part)).items()}
+
+
+@cache
+def _marks_of(kind: type[Part]) -> dict[str, set[str]]:
+    """Return the marks of the types of a part's values."""
+    return {key: _marks(field.annotation, *field.metadata) for key, field in kind.model_fields.items()}
 
 
 def _marks(*annotations: Any) -> set[str]:

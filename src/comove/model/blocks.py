@@ -9,7 +9,7 @@ import numpy as np
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
-from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
+from comove.geometry.rotations import cross, quaternion_of_rotation, quaternion_product
 from comove.model.groups import GroupPose
 
 POINT, ANGLE, DIRECTION, QUATERNION = range(4)
@@ -265,10 +265,10 @@ def turned(kind: int, part: Array, points: Array) -> Array:
     spin = 2 * quaternion_product(u[1], conjugate)[:, None, 1:]
     twist = 2 * quaternion_product(u[2], conjugate)[:, None, 1:]
     w, axis = u[0][:, None, :1], u[0][:, None, 1:]
-    crossed = np.cross(axis, points[None])
-    result[0] = points + 2 * (w * crossed + np.cross(axis, crossed))
-    result[1] = np.cross(spin, result[0])
-    result[2] = np.cross(twist, result[0]) + np.cross(spin, result[1])
+    crossed = cross(axis, points[None])
+    result[0] = points + 2 * (w * crossed + cross(axis, crossed))
+    result[1] = cross(spin, result[0])
+    result[2] = cross(twist, result[0]) + cross(spin, result[1])
     return result
 
 

@@ -24,7 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array
-from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation, rotation_in_plane
+from comove.geometry.rotations import (
+    cross,
+    exponential,
+    matrices,
+    quaternion_of_rotation,
+    rotation_in_plane,
+)
 from comove.model.files.keys import (
     BoxLoad,
     FrameLoad,
@@ -124,8 +130,8 @@ class Grasp:
 def keypoint_frames(points: Array) -> Array:
     """Return the frames K of three points each; (..., 3, 3), [m] -> (..., 3, 3)."""
     along, aside = points[..., 1, :] - points[..., 0, :], points[..., 2, :] - points[..., 0, :]
-    x, z = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (along, np.cross(along, aside)))
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    x, z = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (along, cross(along, aside)))
+    return np.stack([x, cross(z, x), z], axis=-1)
 
 
 def _angular_velocity(points: Array, velocities: Array) -> Array:

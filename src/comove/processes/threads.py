@@ -90,8 +90,8 @@ def _libraries(n_modules: int) -> tuple[_Library, ...]:
 def _paths() -> set[str]:
     """Return the files of OpenBLAS that are loaded, or where the system does not tell, those beside NumPy."""
     try:
-        lines = MAPS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
-        loaded = {line.split(maxsplit=5)[-1] for line in lines}
+        maps = MAPS.read_text(encoding="utf-8", errors="surrogateescape")
+        loaded = {line.split(maxsplit=5)[-1] for line in maps.splitlines() if "openblas" in line.lower()}
     except OSError:
         here = Path(np.__file__).parent
         folders = (here / ".dylibs", here.with_name("numpy.libs"), here.with_name("scipy.libs"))

@@ -31,7 +31,6 @@ from comove.robots.ends import (
     THREADS,
     EndJoints,
     EndSettings,
-    Pair,
     Tally,
     apart,
     of_robot,
@@ -307,17 +306,17 @@ class RobotCarrier(LimitedKinematics):
         )
 
     @cached_property
-    def _pairs(self) -> tuple[Pair, ...]:
+    def _pairs(self) -> Array:
         """Return pairs of joint positions at start and goal, as paths between them are likely, of those that leave
-        room for approach and release.
+        room for approach and release; array, shape (n_pairs, 2, n_joints).
         """
         pairs = self.ends.pairs(self.starts, self.goals)
         if not self.transfers:
             return pairs
-        admitted = tuple(islice((pair for pair in pairs if self._admits(*pair)), self.settings.ends.n_pairs))
+        admitted = list(islice((pair for pair in pairs if self._admits(*pair)), self.settings.ends.n_pairs))
         if not admitted:
             raise self._no_retreat(pairs[0])
-        return admitted
+        return np.array(admitted)
 
     @cached_property
     def _retreats(self) -> dict[str, Retreat]:
@@ -358,7 +357,7 @@ class RobotCarrier(LimitedKinematics):
             self._refused[key] = error
         return self._refused[key]
 
-    def _no_retreat(self, pair: Pair) -> RobotError:
+    def _no_retreat(self, pair: Array) -> RobotError:
         """Return the error that no joints at the ends leave room for approach and release, by the likeliest pair."""
         refusals = (self._refusal(end, q) for end, q in zip(("start", "goal"), pair, strict=True))
         told = next(
@@ -561,7 +560,7 @@ class RobotCarrier(LimitedKinematics):
     def is_clear_at_ends(self) -> bool:
         """Return whether the likeliest joints at both ends may be clear, as capsules tell it."""
         ends = zip(self._pairs[0], ("start", "goal"), strict=True)
-        return all(self.ends.at(end).tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
+        return all(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0] < 2 for q, end in ends)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""
@@ -576,12 +575,13 @@ class RobotCarrier(LimitedKinematics):
             vars(self).pop(name, None)
 
     def try_following(self) -> None:
-        """Follow the straight motion from start to goal."""
+        """Follow the straight motion from start to goal, and verify that."""
         coordinates = load_coordinates(self.scene)
         straight = CoordinatedMotion.straight(self.scene, coordinates)
         nodes = coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None]))
         self.ask(nodes)
-        self.track(straight)
+        joints, _ = self.track(straight)
+        verify_joints(self.robot, straight, joints)
         follower = self.along(nodes[0])
         follower.slopes(coordinates.blocks, straight.knots[0], *follower.follow(nodes[0]))
 
@@ -623,7 +623,7 @@ class RobotCarrier(LimitedKinematics):
         best, first = penalties.argmin(axis=0), self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
         if bound and not self._admits(*chosen):
-            return np.stack(self._pairs[0]) if led is None else led
+            return self._pairs[0] if led is None else led
         return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
 
     def _onward(self, i: int, start: Array) -> Array:
@@ -638,4 +638,4 @@ class RobotCarrier(LimitedKinematics):
 
         The former counts first: a smoother motion mends rates, but hardly ever links that meet.
         """
-        return self.ends.tight(strain.clearance[0]), float(strain.penalty.sum() + strain.contact[0])
+        return int(self.ends.tight(strain.clearance)[0]), float(strain.penalty.sum() + strain.contact[0])

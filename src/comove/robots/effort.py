@@ -1,6 +1,6 @@
 """Torques of a joint motion, and the least duration in which the motors can run it.
 
-Torques are inverse dynamics with the load's mass at the hands, by Pinocchio.
+Torques are inverse dynamics with the load's mass at the hands.
 
 Torques are *sampled*, at 100 Hz or finer and in the middle between two samples; between these instants there is no
 rigorous bound. The largest deviation of a middle value from the mean of its neighbours is added to every sample: a
@@ -18,6 +18,7 @@ equal one.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ from comove.robots.motion import (
     largest_velocity,
     subdivided,
 )
+from comove.robots.verification.kinematics import Inertias, inverse_dynamics
 
 
 def load_mass(scene: Scene) -> float:
@@ -86,8 +88,9 @@ def _rounded_down(value: float, digits: int = 3) -> str:
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
+@lru_cache(maxsize=8)
 def _shares(scene: Scene) -> Array:
-    """Return the share of the load's mass that every hand carries; array, shape (n_hands,)."""
+    """Return the share of the load's mass that every hand carries; array, shape (n_hands,), not to be changed."""
     shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
     if not holders:
         return shares
@@ -236,11 +239,8 @@ def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceler
     ----------
     loaded : the robot's model with the load
     """
-    data = loaded.createData()
-    motion = zip(position, velocity, acceleration, strict=True)
-    torque = np.array([pin.rnea(loaded, data, q, v, a) for q, v, a in motion])
+    torque = inverse_dynamics(robot, Inertias.of(loaded), position, velocity, acceleration)
     if robot.relief.any():
-        data = robot.model.createData()
-        weight = np.array([pin.computeGeneralizedGravity(robot.model, data, q) for q in position])
-        torque -= robot.relief * weight
+        still = np.zeros_like(position)
+        torque -= robot.relief * inverse_dynamics(robot, Inertias.of(robot.model), position, still, still)
     return torque

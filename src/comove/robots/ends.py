@@ -10,9 +10,11 @@ from itertools import islice, product
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array, Integers
+from comove.compiled import kernel
 from comove.errors import SceneError
 from comove.model.grasp import Grasp
 from comove.model.scene import Scene
@@ -22,14 +24,11 @@ from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import MET, Arms, follow_one, solutions
-from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearance_at, links_of
+from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearances_at, links_of
 from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
-
-Pair = tuple[Array, Array]
-"""Joints of all arms at the start and at the goal."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ class EndJoints:
     settings: EndSettings = EndSettings()
     time: float | None = None
 
-    def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> tuple[Pair, ...]:
+    def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> Array:
         """Return pairs of joint positions at start and goal, first those with the least turns of joints.
 
         A pair's turns are the largest from the present joints to the start and the largest from there to the goal, as
@@ -152,21 +151,25 @@ class EndJoints:
         Parameters
         ----------
         starts, goals : joints at both ends, by arm; arrays, shape (n_branches, n_joints)
+
+        Returns
+        -------
+        array, shape (n_pairs, 2, n_joints)
         """
         at = [(self.at(end), self.scene.nodes_at(end)) for end in ("start", "goal")]
-        both = [[np.concatenate(q) for q in product(*found)] for found in (starts, goals)]
-        tight = [[own.tightness(q, nodes) for q in some] for some, (own, nodes) in zip(both, at, strict=True)]
-        start, goal = (np.array(list(part)) for part in zip(*product(*both), strict=True))
+        both = [_combined(found) for found in (starts, goals)]
+        tight = [own.tightness(q, nodes) for q, (own, nodes) in zip(both, at, strict=True)]
+        start, goal = np.repeat(both[0], len(both[1]), axis=0), np.tile(both[1], (len(both[0]), 1))
         turned = turned_towards(self.arms.chains, start, goal)
         first, last = (
             np.repeat(start, 2, axis=0),
             np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
         )
-        tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
+        tightest = np.repeat(np.maximum(tight[0][:, None], tight[1]), 2)
         differ = (self.difference(self.present, first) + self.difference(first, last)).round(DIGITS)
         others = np.zeros(len(first), dtype=bool)
         if self.grasp.keypoints:
-            led = [np.concatenate(q) for q in product(*self._led(starts))]
+            led = _combined(self._led(starts))
             others = ~(self.difference(np.repeat(led, 2 * len(both[1]), axis=0), last) < self.settings.other)
         rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
         _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
@@ -179,7 +182,7 @@ class EndJoints:
         every = self.settings.whatever
         places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
         ranked = once[np.argsort(places, kind="stable")]
-        return tuple((first[k], last[k]) for k in ranked)
+        return np.stack([first[ranked], last[ranked]], axis=1)
 
     def at(self, end: str) -> EndJoints:
         """Return the same among obstacles that stand where they are at an end."""
@@ -220,27 +223,33 @@ class EndJoints:
         weight[self.arms.chains.first[1:] - 1] = self.settings.last
         return np.asarray((weight * np.abs(first - last)).max(axis=-1))
 
-    def tightness(self, q: Array, nodes: Array) -> int:
+    def tightness(self, q: Array, nodes: Array) -> Integers:
         """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
-        2 where they do not.
+        2 where they do not; arrays, shape (n, n_joints) -> (n,).
         """
-        return self.tight(self.clearance(q, nodes))
+        return self.tight(self.clearances(q, nodes))
 
-    def tight(self, clearance: float) -> int:
-        """Return the same for the least clearance of the links [m]."""
-        return int(clearance <= self.scene.clearance) + int(clearance <= self.scene.clearance - FAT)
+    def tight(self, clearance: Array) -> Integers:
+        """Return the same for the least clearances of the links [m]; arrays, shape (n,)."""
+        return np.add(
+            clearance <= self.scene.clearance, clearance <= self.scene.clearance - FAT, dtype=np.int64
+        )
 
-    def clearance(self, q: Array, nodes: Array, some: Links | None = None) -> float:
-        """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].
+    def clearances(self, q: Array, nodes: Array, some: Links | None = None) -> Array:
+        """Compute the least distances of the links from obstacles, load and each other, at most 5 cm [m].
 
         Parameters
         ----------
-        q : array, shape (n_joints,), joint positions of the chains
+        q : array, shape (n, n_joints), joint positions of the chains
         nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
         some : the links that are looked at; None for all
+
+        Returns
+        -------
+        array, shape (n,)
         """
         arms = self.arms
-        return clearance_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
+        return clearances_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
 
     def branches(self, end: str) -> tuple[Array, ...]:
         """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and
@@ -310,8 +319,7 @@ class EndJoints:
         """Return the clearance of arm i in some of its joints, wherever the other arms are; array, shape (n,) [m]."""
         moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
         moved[:, self.part(i)] = branches
-        alone = self.arms.links.of(i)
-        return np.array([self.clearance(q, nodes, alone) for q in moved])
+        return self.clearances(moved, nodes, self.arms.links.of(i))
 
     def reaches(self, i: int, nodes: Array, n_seeds: int) -> bool:
         """Return whether arm i can hold the load and may be clear of all but the other arms, as capsules tell it.
@@ -357,15 +365,12 @@ class EndJoints:
         """Return the distinct solutions of one arm, nearest to a posture first; `joints` has the shape (n, n_joints
         of the arm).
         """
-        return self._distinct(sorted(joints, key=lambda q: apart(q, posture)))
+        away = np.abs(joints - posture).max(axis=1).round(DIGITS)
+        return self._distinct(joints[np.argsort(away, kind="stable")])
 
-    def _distinct(self, joints: Iterable[Array]) -> Array:
+    def _distinct(self, joints: Array) -> Array:
         """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
-        kept: list[Array] = []
-        for q in joints:
-            if all(np.abs(q - other).max() > self.settings.same_branch for other in kept):
-                kept.append(q)
-        return np.array(kept)
+        return joints[_differ(np.ascontiguousarray(joints), self.settings.same_branch)]
 
     def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array, near: Array) -> Array:
         """Return distinct solutions of arm i that may be clear by its capsules, near some joints or elsewhere;
@@ -387,7 +392,7 @@ class EndJoints:
         joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
         joints = turned_towards(chains, near[part], joints, part)
         room = self._room(i, joints, nodes).round(DIGITS)
-        joints = self._distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
+        joints = self._distinct(np.concatenate([homely, joints[np.argsort(-room, kind="stable")]]))
         likely = np.flatnonzero(self._room(i, joints, nodes) > self.scene.clearance - FATTEST)
         measure, clearance = self._measure(i), self.scene.clearance
         free = (k for k in likely[: how.n_measured].tolist() if measure(joints[k]) > clearance)
@@ -472,6 +477,29 @@ def solved_for(
     rng = np.random.default_rng(0)
     draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
     return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
+
+
+def _combined(branches: Iterable[Array]) -> Array:
+    """Return the joints of all arms in each combination of their branches; array, shape (n, n_joints)."""
+    every = list(branches)
+    rows = np.indices([len(joints) for joints in every]).reshape(len(every), -1)
+    return np.hstack([joints[row] for joints, row in zip(every, rows, strict=True)])
+
+
+@kernel
+def _differ(joints: Array, apart: float) -> NDArray[np.bool_]:
+    """Return which joints, array of shape (n, n_joints), are further than `apart` from all before that are so."""
+    kept = np.zeros(joints.shape[0], dtype=np.bool_)
+    for k in range(joints.shape[0]):
+        kept[k] = True
+        for other in range(k):
+            away = 0.0
+            for j in range(joints.shape[1]):
+                away = max(away, abs(joints[k, j] - joints[other, j]))
+            if kept[other] and away <= apart:
+                kept[k] = False
+                break
+    return kept
 
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from comove.arrays import Array, Integers, first_largest
 from comove.brief import brief
+from comove.compiled import kernel
 from comove.dmp.arguments import is_number
 from comove.errors import OptionError
 
@@ -148,22 +150,62 @@ def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) 
     -------
     Extreme : inf for a joint that moves at its limit, or comes to rest there
     """
-    columns = np.flatnonzero(approach > 0.0)
-    worst = Extreme(0.0, 0, float(curve.x[0]))
-    if not len(columns):
-        return worst
-    own = PPoly(curve.c[:, :, columns], curve.x)
-    limits = approach[columns], lower[columns], upper[columns]
-    _, time = fastest(own)
+    return Extreme(*_fastest_approach(curve.c, np.array(curve.x), approach, lower, upper))
+
+
+@kernel
+def _fastest_approach(
+    c: Array, x: Array, approach: Array, lower: Array, upper: Array
+) -> tuple[float, int, float]:
+    """Return what `largest_approach` does."""
+    worst, joint, when, s = 0.0, 0, x[0], np.empty(4)
     for _ in range(100):
-        position, velocity = _each(own, time)
-        found = Extreme.largest(approach_shares(position, velocity, *limits), time)
-        if not worst.value * (1.0 + 1e-12) < found.value < np.inf:
+        found, at, time = 0.0, 0, x[0]
+        for i in range(c.shape[1]):
+            width = x[i + 1] - x[i]
+            for k in range(c.shape[2]):
+                if approach[k] == 0.0:
+                    continue
+                cubic, square, slope, start = c[0, i, k], c[1, i, k], c[2, i, k], c[3, i, k]
+                s[0], s[1] = width, _within(-square, 3.0 * cubic, width)
+                speed = abs(slope)
+                for r in range(2):
+                    speed = max(speed, abs((3.0 * cubic * s[r] + 2.0 * square) * s[r] + slope))
+                room = min(upper[k] - start, start - lower[k]) - width * speed
+                if room > 0.0 and approach[k] * speed <= max(worst, found) * room:
+                    continue
+                s[2] = s[3] = 0.0
+                if worst > 0.0:  # where q + T/share q' is extreme
+                    ahead = approach[k] / worst
+                    s[2], s[3] = _roots(
+                        3.0 * cubic, square + 3.0 * ahead * cubic, slope + 2.0 * ahead * square, width
+                    )
+                for r in range(4):
+                    velocity = (3.0 * cubic * s[r] + 2.0 * square) * s[r] + slope
+                    position = ((cubic * s[r] + square) * s[r] + slope) * s[r] + start
+                    room = upper[k] - position if velocity > 0.0 else position - lower[k]
+                    if velocity != 0.0:
+                        share = approach[k] * abs(velocity) / max(room, 0.0)
+                        if share > found:
+                            found, at, time = share, k, x[i] + s[r]
+        if not worst * (1.0 + 1e-12) < found < np.inf:
             break
-        worst = found
-        time, _ = places(_ahead(own, limits[0] / worst.value))
-    worst = max(worst, found, key=lambda extreme: extreme.value)
-    return worst._replace(joint=int(columns[worst.joint]))
+        worst, joint, when = found, at, time
+    return (found, at, time) if found > worst else (worst, joint, when)
+
+
+@kernel
+def _roots(a: float, b: float, c: float, width: float) -> tuple[float, float]:
+    """Return the roots of a s^2 + 2 b s + c from 0 to `width`, without cancellation; any numbers there are none."""
+    q = -(b + np.copysign(sqrt(max(b * b - a * c, 0.0)), b))
+    return _within(q, a, width), _within(c, q, width)
+
+
+@kernel
+def _within(numerator: float, denominator: float, width: float) -> float:
+    """Return a quotient, moved to the range from 0 to `width`; 0 where it is not finite."""
+    quotient = numerator / denominator
+    return min(max(quotient, 0.0), width) if np.isfinite(quotient) else 0.0
 
 
 def approach_shares(position: Array, velocity: Array, approach: Array, lower: Array, upper: Array) -> Array:
@@ -181,21 +223,6 @@ def approach_shares(position: Array, velocity: Array, approach: Array, lower: Ar
     return np.where(wanted > 0.0, share, 0.0)
 
 
-def _ahead(curve: PPoly, seconds: Array) -> PPoly:
-    """Return q + T q' of a cubic curve q, with the joints' times T, array of shape (n_joints,) [s]."""
-    ahead = curve.c.copy()
-    ahead[1:] += seconds * curve.derivative().c
-    return PPoly(ahead, curve.x)
-
-
-def _each(curve: PPoly, time: Array) -> tuple[Array, Array]:
-    """Evaluate position and velocity of every joint at its own times; arrays, shape (n_places, n_joints)."""
-    piece = np.clip(np.searchsorted(curve.x, time, side="right") - 1, 0, len(curve.x) - 2)
-    cubic, square, slope, start = np.take_along_axis(curve.c, piece[None], axis=1)
-    s = time - curve.x[piece]
-    return ((cubic * s + square) * s + slope) * s + start, (3.0 * cubic * s + 2.0 * square) * s + slope
-
-
 def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
     """Compute the largest share of its jerk limit, array of shape (n_joints,), that a joint uses.
 
@@ -210,35 +237,47 @@ def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
 
 def fastest(curve: PPoly) -> tuple[Array, Array]:
     """Compute largest speeds between samples, and their times; arrays, shape (n_intervals, n_joints)."""
-    cubic, square, slope, _ = curve.c
-    width = np.diff(curve.x)[:, None]
-    vertex = np.clip(_over(-square, 3 * cubic), 0.0, width)
-    s = np.stack([0 * slope, vertex, width + 0 * slope])
-    speed = np.abs((3 * cubic * s + 2 * square) * s + slope)
-    at = speed.argmax(axis=0)[None]
-    when = np.take_along_axis(s, at, axis=0)[0] + curve.x[:-1, None]
-    return np.take_along_axis(speed, at, axis=0)[0], when
+    return _fastest(curve.c, np.array(curve.x))
+
+
+@kernel
+def _fastest(c: Array, x: Array) -> tuple[Array, Array]:
+    """Return what `fastest` does."""
+    speed, when = np.empty((c.shape[1], c.shape[2])), np.empty((c.shape[1], c.shape[2]))
+    for i in range(c.shape[1]):
+        width = x[i + 1] - x[i]
+        for k in range(c.shape[2]):
+            cubic, square, slope = c[0, i, k], c[1, i, k], c[2, i, k]
+            speed[i, k], when[i, k] = abs(slope), x[i]
+            for s in (_within(-square, 3.0 * cubic, width), width):
+                other = abs((3.0 * cubic * s + 2.0 * square) * s + slope)
+                if other > speed[i, k]:
+                    speed[i, k], when[i, k] = other, x[i] + s
+    return speed, when
 
 
 def places(curve: PPoly) -> tuple[Array, Array]:
     """Compute times and positions at the samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
-    cubic, square, slope, start = curve.c
-    width = np.diff(curve.x)[:, None]
-    # Roots of 3 cubic s^2 + 2 square s + slope without cancellation; none is found where there is none.
-    root = np.sqrt(np.maximum(square**2 - 3 * cubic * slope, 0.0))
-    q = -(square + np.copysign(root, square))
-    s = np.clip(np.stack([_over(q, 3 * cubic), _over(slope, q), width + 0 * slope]), 0.0, width)
-    position = ((cubic * s + square) * s + slope) * s + start
-    time = s + curve.x[:-1, None]
-    first = np.full((1, curve.c.shape[2]), curve.x[0])
-    flat = (-1, curve.c.shape[2])
-    return np.concatenate([first, time.reshape(flat)]), np.concatenate([start[:1], position.reshape(flat)])
+    return _places(curve.c, np.array(curve.x))
 
 
-def _over(numerator: Array, denominator: Array) -> Array:
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        quotient = numerator / denominator
-    return np.where(np.isfinite(quotient), quotient, 0.0)
+@kernel
+def _places(c: Array, x: Array) -> tuple[Array, Array]:
+    """Return what `places` does."""
+    n = c.shape[1]
+    time, position = np.empty((3 * n + 1, c.shape[2])), np.empty((3 * n + 1, c.shape[2]))
+    for k in range(c.shape[2]):
+        time[0, k], position[0, k] = x[0], c[3, 0, k]
+        for i in range(n):
+            cubic, square, slope, start = c[0, i, k], c[1, i, k], c[2, i, k], c[3, i, k]
+            width = x[i + 1] - x[i]
+            first, second = _roots(3.0 * cubic, square, slope, width)
+            row = 3 * i + 1
+            for s in (first, second, width):
+                time[row, k] = x[i] + s
+                position[row, k] = ((cubic * s + square) * s + slope) * s + start
+                row += 1
+    return time, position
 
 
 def subdivided(samples: Array, parts: Integers) -> tuple[Array, Integers]:
@@ -255,35 +294,43 @@ def subdivided(samples: Array, parts: Integers) -> tuple[Array, Integers]:
     return np.append(time, samples[-1]), interval
 
 
-class Ranges:
-    """Table that returns the largest values of given bounds over any time interval.
+class Ranges(NamedTuple):
+    """Bounds by time, of which the largest over any time interval is wanted.
 
-    It stores the maxima over 1, 2, 4, ... neighbouring pieces; two of them cover any interval.
-
-    Parameters
+    Attributes
     ----------
     time : array, shape (n + 1,), increasing [s]
     bounds : array, shape (n, width), bounds that hold between two neighbouring instants
     """
 
-    def __init__(self, time: Array, bounds: Array):
-        self.time, self._tables = time, [bounds]
-        while 2 ** len(self._tables) <= len(bounds):
-            half = 2 ** (len(self._tables) - 1)
-            last = self._tables[-1]
-            self._tables.append(np.maximum(last[:-half], last[half:]))
+    time: Array
+    bounds: Array
 
     def over(self, begin: Array, end: Array) -> Array:
         """Return the largest values between `begin` and `end`, arrays of shape (k,) [s]; array, shape (k, width)."""
-        last = len(self.time) - 2
-        first = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, last)
-        final = np.maximum(np.clip(np.searchsorted(self.time, end, side="left") - 1, 0, last), first)
-        level = np.log2(final - first + 1).astype(int)
-        result = np.empty((len(first), self._tables[0].shape[1]))
-        for k in np.unique(level):
-            rows, table = level == k, self._tables[k]
-            result[rows] = np.maximum(table[first[rows]], table[final[rows] - 2**k + 1])
-        return result
+        return _largest(np.array(self.time), np.ascontiguousarray(self.bounds), begin, end)
+
+
+@kernel
+def _largest(time: Array, bounds: Array, begin: Array, end: Array) -> Array:
+    """Return what `Ranges.over` does."""
+    result = np.empty((begin.shape[0], bounds.shape[1]))
+    for k in range(begin.shape[0]):
+        low, high = 0, bounds.shape[0] - 1
+        while low < high:  # the last row that begins at `begin` or before
+            middle = (low + high + 1) // 2
+            if time[middle] <= begin[k]:
+                low = middle
+            else:
+                high = middle - 1
+        for column in range(bounds.shape[1]):
+            result[k, column] = bounds[low, column]
+        row = low + 1
+        while row < bounds.shape[0] and time[row] < end[k]:
+            for column in range(bounds.shape[1]):
+                result[k, column] = max(result[k, column], bounds[row, column])
+            row += 1
+    return result
 
 
 def commands(joints: JointMotion, rate: float, columns: Integers) -> Iterator[JointCommand]:

@@ -259,12 +259,12 @@ class Retreat:
     def bodies(self) -> Bodies:
         """Return all bodies, the load's at the end, and named so."""
         bases = Bases(self.robot, self.robot.description.uncertainty)
-        where, _ = self.carried.hands(self.carried.time)
+        where = self.carried.hands(self.carried.time).positions
         bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).placed_at(self.place)
-        names = list(bodies.names)
+        named = list(bodies.bodies)
         for rod, *_ in bodies.rods:
-            names[rod] = f"{names[rod]} at its {self.end}"
-        return replace(bodies, names=tuple(names))
+            named[rod] = named[rod]._replace(name=f"{named[rod].name} at its {self.end}")
+        return replace(bodies, bodies=tuple(named))
 
     def require_apart(self) -> None:
         """Refuse other joints at which bodies of the robot and obstacles meet."""
@@ -337,8 +337,8 @@ class _Still:
     place: Array
 
     @property
-    def speed(self) -> Ranges:
-        return Ranges(np.array([0.0, 1.0]), np.zeros((1, len(self.place))))
+    def bounds(self) -> Ranges:
+        return Ranges(np.array([0.0, 1.0]), np.zeros((1, 2)))
 
     def nodes(self, time: Array) -> Array:
         return np.broadcast_to(self.place, (len(time), *self.place.shape))

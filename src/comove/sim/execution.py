@@ -328,7 +328,7 @@ def contacts_between(
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
     parts = [] if load is None else [part.placement for part in load.parts]
-    obstacles = MovingObstacles.among(scene, geometry, robot.collision.ngeoms, {})
+    obstacles = MovingObstacles.among(scene, geometry.geometryObjects, robot.collision.ngeoms, {})
     turns, places = obstacles.placements(obstacle_time(time, motion.duration))
     for step, q in enumerate(joints):
         pin.updateGeometryPlacements(robot.model, data, geometry, state, q)

@@ -74,7 +74,7 @@ def test_ends_in_which_an_arm_touches_nothing_come_first():
             joints = np.repeat(posture[None], len(branches), axis=0)
             joints[:, first[i] : first[i + 1]] = branches
             links = carrier.arms.links.of(i)
-            apart = np.array([carrier.ends.clearance(q, scene.nodes_at(end), links) for q in joints])
+            apart = carrier.ends.clearances(joints, scene.nodes_at(end), links)
             assert (np.diff((apart <= 0.0).astype(int)) >= 0).all() and (
                 apart > scene.clearance - FATTEST
             ).all()

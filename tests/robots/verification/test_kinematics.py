@@ -1,10 +1,16 @@
-"""Placements of all joints at once, against Pinocchio's one after the other."""
+"""Placements and velocities of all joints at once, against Pinocchio's one after the other."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
+from comove.robots.verification.kinematics import (
+    Inertias,
+    inverse_dynamics,
+    joint_motions,
+    joint_placements,
+    moved_by,
+)
 from tests.robots.small_robots import BUNDLED, RANDOM, robot
 
 
@@ -18,21 +24,41 @@ def test_placements_are_those_of_pinocchio(name):
     for step, joints in enumerate(q):
         pin.forwardKinematics(machine.model, data, joints)
         for joint, pose in enumerate(data.oMi):
-            np.testing.assert_allclose(turns[joint, step], pose.rotation, atol=1e-13)
-            np.testing.assert_allclose(places[joint, step], pose.translation, atol=1e-13)
+            np.testing.assert_allclose(turns[step, joint], pose.rotation, atol=1e-13)
+            np.testing.assert_allclose(places[step, joint], pose.translation, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["baxter", *RANDOM, "gantry"])
-def test_twists_are_those_of_pinocchio(name):
-    """The world's Jacobian, column by column, and what its columns move."""
+def test_velocities_are_those_of_pinocchio(name):
+    """In the scene's axes, at the joints' origins; and a joint moves what its column of the Jacobian moves."""
     machine, rng = robot(name), np.random.default_rng(5)
-    q, rates = rng.uniform(machine.lower, machine.upper, (8, len(machine.lower))), rng.normal(size=(8, 1))
-    rates = rates * rng.normal(size=len(machine.lower))
+    q = rng.uniform(machine.lower, machine.upper, (8, len(machine.lower)))
+    rates = rng.normal(size=q.shape)
     model, data = machine.model, machine.model.createData()
-    twists, moves = joint_twists(machine, *joint_placements(machine, q), rates), moved_by(machine)
-    for step, joints in enumerate(q):
-        columns = pin.computeJointJacobians(model, data, joints)
-        np.testing.assert_allclose(twists[step], (columns * rates[step]).T, atol=1e-12)
-        for joint in range(model.njoints):
+    turns, _, velocities, spins = joint_motions(machine, q, rates)
+    np.testing.assert_array_equal(turns, joint_placements(machine, q)[0])
+    for step, (joints, rate) in enumerate(zip(q, rates, strict=True)):
+        pin.computeJointJacobians(model, data, joints)
+        pin.forwardKinematics(model, data, joints, rate)
+        for joint in range(1, model.njoints):
+            twist = pin.getVelocity(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
+            np.testing.assert_allclose(velocities[step, joint], twist.linear, atol=1e-12)
+            np.testing.assert_allclose(spins[step, joint], twist.angular, atol=1e-12)
             own = pin.getJointJacobian(model, data, joint, pin.LOCAL).any(axis=0)
-            np.testing.assert_array_equal(moves[joint], own)
+            np.testing.assert_array_equal(moved_by(machine)[joint], own)
+
+
+@pytest.mark.parametrize("name", [*BUNDLED, *RANDOM, "gantry"])
+@pytest.mark.few(4)
+def test_torques_are_those_of_pinocchio(name):
+    machine, rng = robot(name), np.random.default_rng(6)
+    model = machine.model.copy()
+    model.armature = rng.uniform(0.0, 0.5, model.nv)
+    q, (rates, bends) = (
+        rng.uniform(machine.lower, machine.upper, (8, model.nv)),
+        rng.normal(size=(2, 8, model.nv)),
+    )
+    found = inverse_dynamics(machine, Inertias.of(model), q, rates, bends)
+    data = model.createData()
+    for step, motion in enumerate(zip(q, rates, bends, strict=True)):
+        np.testing.assert_allclose(found[step], pin.rnea(model, data, *motion), atol=1e-9)

@@ -52,7 +52,7 @@ def two_pandas():
 def put_together(uncertainty):
     robot, motion, _ = two_pandas()
     carried = Carried(motion)
-    hands, _ = carried.hands(carried.time)
+    hands = carried.hands(carried.time).positions
     return bodies_of(Bases(robot, uncertainty), robot.arms, carried, hands, 0.0)
 
 

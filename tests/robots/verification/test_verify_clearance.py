@@ -19,13 +19,12 @@ from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bod
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import (
     CarryCourse,
-    Distances,
-    Instants,
+    Cells,
     JointCertificateSettings,
-    PairCells,
     certify,
 )
 from comove.robots.verification.kinematics import Bases, Reaches
+from comove.robots.verification.slabs import distances_of_balls
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
@@ -301,7 +300,8 @@ def test_a_rough_hull_is_never_further_away_than_its_mesh(monkeypatch):
     """Without hulls the certificate says the same."""
     motion, joints = known_carry()
     with_hulls, _ = certified(motion, joints)
-    monkeypatch.setattr(bodies, "_hulls", lambda *_: ({}, {}))
+    monkeypatch.setattr(bodies, "_hull_of", lambda _: (None, False))
+    monkeypatch.setattr(bodies, "links_of", bodies.links_of.__wrapped__)
     without, _ = certified(motion, joints)
     for a, b in zip(with_hulls, without, strict=True):
         assert a.lower == pytest.approx(b.lower, abs=TIGHT)
@@ -311,7 +311,8 @@ def test_what_cannot_be_computed_within_the_limit_is_not_certified(monkeypatch):
     from comove.robots import verify_joints
     from comove.robots.verification import checks
 
-    monkeypatch.setattr(checks, "certify", partial(certify, settings=JointCertificateSettings(most=100)))
+    few = JointCertificateSettings(parts=1, most=100)
+    monkeypatch.setattr(checks, "certify", partial(certify, settings=few))
     verdict = verify_joints(baxter(), *known_carry())
     assert verdict.verified is None
     assert all("could not be certified" in reason for reason in verdict.reasons)
@@ -343,36 +344,40 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
     assert verdict.report.clearance_scene == pytest.approx(room, abs=1.2e-3)
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_halves_of_cells_cover_the_same_pairs_at_the_same_times(seed):
-    rng, (motion, joints) = np.random.default_rng(seed), known_carry()
-    at = Instants(
-        CarryCourse(world_of(motion)[1], Carried(motion), joints.curve), np.array([1.0, 3.0, 7.0]), 0.5
-    )
-    cells = PairCells(at, np.sort(rng.integers(3, size=12)), rng.permutation(12))
-    chosen = rng.random(12) < 0.5
-    halves = cells.halved(chosen)
-    middle = halves.at.time[halves.row]
-    assert (np.diff(halves.row) >= 0).all() and (np.diff(halves.at.time) > 0).all()
-    for pair, time in zip(cells.pair[chosen], at.time[cells.row[chosen]], strict=True):
-        parts = np.sort(middle[halves.pair == pair])
-        edges = np.concatenate([parts - halves.at.half, parts + halves.at.half])
-        assert np.sort(edges) == pytest.approx([time - 0.5, time, time, time + 0.5], abs=1e-12)
-    assert set(halves.pair) == set(cells.pair[chosen])
+def test_parts_of_cells_cover_the_same_pairs_at_the_same_times():
+    world = world_of(known_carry()[0])[1]
+    cells = Cells.first(world, 6)
+    chosen = np.flatnonzero(np.random.default_rng(0).random(len(cells.pair)) < 0.5)
+    parts = cells.divided(chosen)
+    assert (parts.number // 4 == np.repeat(cells.number[chosen], 4)).all()
+    assert (parts.number % 4 == np.tile(range(4), len(chosen))).all()
+    assert (parts.pair == np.repeat(cells.pair[chosen], 4)).all()
 
 
-@pytest.mark.parametrize("instant", range(3))
-def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
+def test_intervals_meet_and_last_as_long_as_the_motion():
+    motion, joints = known_carry()
+    course = CarryCourse(world_of(motion)[1], Carried(motion), joints.curve)
+    at, time = course.intervals(np.arange(6), 6)
+    ends = time[at.knot]
+    assert ends[0, 0] == 0.0 and ends[-1, -1] == joints.duration
+    np.testing.assert_array_equal(ends[1:, 0], ends[:-1, -1])
+    np.testing.assert_allclose(np.diff(ends, axis=1), at.half, rtol=1e-12)
+
+
+def test_balls_about_bodies_are_never_further_apart_than_the_bodies():
     """All pairs of a known carry, by coal and by balls, with a load and obstacles."""
     motion, joints = known_carry()
     carried, world = world_of(motion)
-    distances, n_pairs = Distances(world), len(world.kind)
-    at = Instants(
-        CarryCourse(world, carried, joints.curve), np.linspace(0.05, 0.95, 10) * joints.duration, 0.1
+    at, time = CarryCourse(world, carried, joints.curve).intervals(np.array([3]), 8)
+    count = len(world.kind)
+    rough = distances_of_balls(
+        world.solids, world.pairs, at, np.zeros(count, dtype=np.int64), np.arange(count)
     )
-    cells = PairCells(at, np.full(n_pairs, 4 * instant), np.arange(n_pairs))
-    exact, rough = distances(cells), distances.of_balls(cells)
-    assert n_pairs > 20
+    placed = world.placed_at(carried.nodes(time[1:2])[0], time[1])
+    data, found = world.robot.model.createData(), placed.geometry.createData()
+    pin.computeDistances(world.robot.model, data, placed.geometry, found, joints.curve(time[1]))
+    exact = np.array([result.min_distance for result in found.distanceResults]) - world.taken
+    assert count > 20
     assert (rough <= exact + 1e-9)[exact > 0].all()
 
 

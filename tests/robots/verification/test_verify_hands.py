@@ -77,10 +77,11 @@ def test_hands_and_their_frames_move_as_their_velocities_say():
     """Velocities of hands and grasp frames are differences of places and orientations."""
     carried = Carried(known_carry()[0])
     time, step = np.linspace(0.5, 9.5, 40), 1e-5
-    (ahead, _), (behind, _) = carried.hands(time + step), carried.hands(time - step)
-    np.testing.assert_allclose(carried.hands(time)[1], (ahead - behind) / (2 * step), atol=1e-8)
-    rotations, spins = carried.rotations(time)
-    later, earlier = carried.rotations(time + step)[0], carried.rotations(time - step)[0]
+    held, ahead, behind = (carried.hands(when) for when in (time, time + step, time - step))
+    change = (ahead.positions - behind.positions) / (2 * step)
+    np.testing.assert_allclose(held.velocities, change, atol=1e-8)
+    rotations, spins = held.rotations, held.spins
+    later, earlier = ahead.rotations, behind.rotations
     for k in range(len(time)):
         for hand in range(2):
             change = pin.log3(later[k, hand] @ earlier[k, hand].T) / (2 * step)
@@ -89,7 +90,7 @@ def test_hands_and_their_frames_move_as_their_velocities_say():
 
 
 def test_bounds_of_the_hands_motion_hold():
-    """Speeds, third derivatives and swing, against differences."""
+    """Speeds, accelerations, third derivatives and swing, against differences."""
     carried = Carried(known_carry()[0])
     knots = carried.time
     middle, width = 0.5 * (knots[1:] + knots[:-1]), np.diff(knots)
@@ -97,7 +98,9 @@ def test_bounds_of_the_hands_motion_hold():
     begin, end = inside[:, 0], inside[:, -1]
     places = carried.nodes(inside.ravel()).reshape(*inside.shape, -1, 3)
     speed = np.linalg.norm(np.diff(places, axis=1), axis=-1) / (0.2 * width[0])
-    assert (speed.max(axis=1) <= carried.speed.over(begin, end) * (1 + 1e-9)).all()
+    pull = np.linalg.norm(np.diff(places, n=2, axis=1), axis=-1) / (0.2 * width[0]) ** 2
+    for bound, found in zip(carried.bounds.over(begin, end).T, (speed, pull), strict=True):
+        assert (found.max(axis=(1, 2)) <= bound * (1 + 1e-6) + 1e-7).all()
     third = np.linalg.norm(np.diff(places[:, :, :2], n=3, axis=1)[:, 0], axis=-1) / (0.2 * width[0]) ** 3
     assert (third <= carried.jerk.over(begin, end) * 1.01 + 1e-4).all()
     along = places[:, :, 0] - places[:, :, 1]

@@ -450,6 +450,17 @@ def clearance_at(
 
 
 @kernel
+def clearances_at(
+    chains: Chains, links: Links, around: LinkSurroundings, joints: Array, nodes: Array, cap: float
+) -> Array:
+    """Compute `clearance_at` at several joints, array of shape (n, n_joints); array, shape (n,) [m]."""
+    found = np.empty(joints.shape[0])
+    for k in range(joints.shape[0]):
+        found[k] = clearance_at(chains, links, around, joints[k], nodes, cap)
+    return found
+
+
+@kernel
 def clearance_around(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:

@@ -1,3 +1,3 @@
-"""Verification of joint motions, by Pinocchio's kinematics and coal's distances; it shares no code with
+"""Verification of joint motions, on Pinocchio's models and coal's shapes; it shares no code with
 `comove.robots.search`.
 """

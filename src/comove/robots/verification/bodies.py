@@ -20,8 +20,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -38,7 +39,8 @@ from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
-from comove.robots.verification.kinematics import Bases, moved_by
+from comove.robots.verification.kinematics import Bases, common_joints, moved_by
+from comove.robots.verification.slabs import CYLINDER, ELLIPSOID, OTHER, POINTS, Pairs, Solid, Solids
 
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
 BURIED = 0.01  # m, deeper than what stands on something is in it by the tolerances of drawings
@@ -55,15 +57,96 @@ OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """Robot, obstacles and load as one geometry model.
+class Body(NamedTuple):
+    """A body and what is known of its shape.
 
     Attributes
     ----------
-    robot : robot whose model moves the bodies
-    geometry : pinocchio.GeometryModel, whose collision pairs are those that are checked
-    names : names of the bodies, for messages
+    item : pinocchio.GeometryObject
+    name : its name, for messages
+    solid : its shape as kernels take it
+    hull : its convex hull as a body, where it is a mesh that has one
+    is_convex : whether the hull may replace it
+    """
+
+    item: Any
+    name: str
+    solid: Solid
+    hull: Body | None = None
+    is_convex: bool = False
+
+
+class Links(NamedTuple):
+    """What no scene changes of a robot's links and of their hulls, which follow them.
+
+    Attributes
+    ----------
+    bodies : links, then hulls
+    pairs : array, shape (n_pairs, 2), links that may not touch
+    joint : array, shape (n_bodies,), joint that each is on
+    reach, root, length : arrays, shape (n_bodies, n_joints), (n_bodies, 3) and (n_bodies,), see `Reaches.of_ball`
+    base : array, shape (n_bodies,), number of the model whose base carries a body
+    solids : the bodies as kernels take them
+    """
+
+    bodies: tuple[Body, ...]
+    pairs: Integers
+    joint: Integers
+    reach: Array
+    root: Array
+    length: Array
+    base: Integers
+    solids: Solids
+
+
+@lru_cache(maxsize=8)
+def links_of(robot: Robot) -> Links:
+    """Return the links of a robot."""
+    geometry, bases = robot.collision, Bases(robot, robot.description.uncertainty)
+    links = [_body(item, robot.model.frames[item.parentFrame].name) for item in geometry.geometryObjects]
+    bodies = (*links, *(link.hull for link in links if link.hull is not None))
+    joint, reaches = np.array([body.item.parentJoint for body in bodies], dtype=np.int64), bases.reaches
+    found = [
+        reaches.of_ball(k, body.solid.center, body.solid.radius)
+        for k, body in zip(joint.tolist(), bodies, strict=True)
+    ]
+    pairs = np.array([(p.first, p.second) for p in geometry.collisionPairs], dtype=np.int64).reshape(-1, 2)
+    return Links(
+        bodies,
+        pairs[joint[pairs[:, 0]] != joint[pairs[:, 1]]],
+        joint,
+        np.array([reach for reach, _, _ in found]).reshape(-1, robot.model.nv),
+        np.array([root for _, root, _ in found]).reshape(-1, 3),
+        np.array([length for _, _, length in found]),
+        np.array([bases.numbers.get(body.name, 0) for body in bodies], dtype=np.int64),
+        Solids.of(joint, [body.solid for body in bodies]),
+    )
+
+
+@lru_cache(maxsize=4)
+def _obstacles(scene: Scene) -> tuple[Body, ...]:
+    """Return the obstacles of a scene, as they are in its file."""
+    names = [scene.name_of(i) for i in range(len(scene.file.obstacles))]
+    return tuple(_body(obstacle_object(scene, i, name, -scene.begins), name) for i, name in enumerate(names))
+
+
+def _body(item: Any, name: str) -> Body:
+    """Return a body, with its hull where it is a mesh."""
+    hull, is_convex = _hull_of(item)
+    body = None if hull is None else Body(hull, name, solid_of(hull))
+    return Body(item, name, solid_of(item), body, is_convex)
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Robot, obstacles and load: links and their hulls, obstacles, the load's shapes, and hulls of obstacles.
+
+    Attributes
+    ----------
+    robot : robot that moves the bodies
+    bodies : the bodies
+    joint : array, shape (n_bodies,), number of the joint that each body is on, 0 for the universe
+    ends : array, shape (n_pairs, 2), numbers of both bodies of every pair
     kind : array, shape (n_pairs,), SCENE, LOAD or SELF
     required : array, shape (3,), required clearance of each kind [m]
     taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
@@ -77,8 +160,9 @@ class Bodies:
     """
 
     robot: Robot
-    geometry: Any
-    names: tuple[str, ...]
+    bodies: tuple[Body, ...]
+    joint: Integers
+    ends: Integers
     kind: Integers
     required: Array
     taken: Array
@@ -89,78 +173,116 @@ class Bodies:
     moving: MovingObstacles
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the bodies, for messages."""
+        return tuple(body.name for body in self.bodies)
+
+    @property
     def joint_reach(self) -> Array:
         """Return the columns of `reach` that belong to joints; array, shape (n_pairs, n_joints)."""
         return self.reach[:, : self.robot.model.nv]
 
     def some(self, which: NDArray[np.bool_]) -> Bodies:
-        """Return the bodies, copied, with some of their pairs; array, shape (n_pairs,).
+        """Return the bodies with some of their pairs; array, shape (n_pairs,).
 
         Pairs go with their rough substitutes, or neither does.
         """
-        geometry, number = self.geometry.copy(), np.cumsum(which) - 1
-        geometry.removeAllCollisionPairs()
-        for first, second in self.ends[which].tolist():
-            geometry.addCollisionPair(pin.CollisionPair(first, second))
-        return replace(
-            self,
-            geometry=geometry,
-            kind=self.kind[which],
-            taken=self.taken[which],
-            reach=self.reach[which],
-            exact=number[self.exact[which]],
-        )
+        number = np.cumsum(which) - 1
+        chosen = {name: getattr(self, name)[which] for name in ("ends", "kind", "taken", "reach")}
+        return replace(self, **chosen, exact=number[self.exact[which]])
 
     def placed_at(self, place: Array, time: float = 0.0) -> Bodies:
-        """Place the load's bodies, in this geometry, and moving obstacles as they are at an instant.
+        """Return the bodies with the load, and moving obstacles as they are at an instant, placed in `geometry`.
 
         Parameters
         ----------
         place : array, shape (n_nodes, 3), nodes of the load [m]
         time : the instant [s]
         """
-        for rod, *spanned in self.rods:
-            (turn,), (middle,) = placements(place[None], tuple(spanned))
-            self.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
-        (turns,), (places,) = self.moving.placements(np.array([time]))
-        for body, turn, middle in zip(self.moving.body.tolist(), turns, places, strict=True):
-            self.geometry.geometryObjects[body].placement = pin.SE3(turn, middle)
-        return self
+        bodies = list(self.bodies)
+        numbers = [rod for rod, *_ in self.rods] + self.moving.body.tolist()
+        for number, turn, middle in zip(
+            numbers, *self.placements(place[None], np.array([time])), strict=True
+        ):
+            item = pin.GeometryObject(bodies[number].item)
+            item.placement = pin.SE3(turn[0], middle[0])
+            bodies[number] = bodies[number]._replace(item=item)
+        return replace(self, bodies=tuple(bodies))
 
-    @cached_property
-    def ends(self) -> Integers:
-        """Return the numbers of both bodies of every pair; array, shape (n_pairs, 2)."""
-        pairs = self.geometry.collisionPairs
-        return np.array([(p.first, p.second) for p in pairs], dtype=np.int64).reshape(-1, 2)
+    def placements(self, nodes: Array, time: Array) -> tuple[list[Array], list[Array]]:
+        """Compute where the load's shapes are, then the bodies of moving obstacles.
 
-    @cached_property
-    def joint(self) -> Integers:
-        """Return the number of the joint that each body is on, 0 for the universe; array, shape (n_bodies,)."""
-        return _joints(self.geometry)
+        Parameters
+        ----------
+        nodes : array, shape (n_steps, n_nodes, 3), nodes of the load [m]
+        time : array, shape (n_steps,) [s]
 
-    @cached_property
-    def balls(self) -> tuple[Array, Array]:
-        """Return the centre, in the frame of its joint, and the radius of a ball about each body; arrays, shape
-        (n_bodies, 3) and (n_bodies,) [m]; those of the load's shapes, which lie anywhere, are about their origins.
+        Returns
+        -------
+        for each, arrays of shape (n_steps, 3, 3) and (n_steps, 3) [m]
         """
-        items = list(self.geometry.geometryObjects)
-        middles = np.array([item.geometry.aabb_center for item in items])
-        centers = [item.placement.act(middle) for item, middle in zip(items, middles, strict=True)]
-        radii = np.array([item.geometry.aabb_radius for item in items])
-        loads = [rod for rod, *_ in self.rods]
-        radii[loads] += np.linalg.norm(middles[loads], axis=1)
-        return np.array(centers), radii
+        placed = [placements(nodes, tuple(spanned)) for _, *spanned in self.rods]
+        if len(self.moving.body):
+            turns, places = self.moving.placements(time)
+            placed += [(turns[:, k], places[:, k]) for k in range(turns.shape[1])]
+        return [turns for turns, _ in placed], [places for _, places in placed]
+
+    @cached_property
+    def geometry(self) -> Any:
+        """Return the bodies and pairs as a pinocchio.GeometryModel."""
+        geometry = pin.GeometryModel()
+        for body in self.bodies:
+            geometry.addGeometryObject(body.item)
+        for first, second in self.ends.tolist():
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+        return geometry
+
+    @cached_property
+    def frame(self) -> Integers:
+        """Return the frames that bodies are in: of joints, the load's shapes, and moving obstacles, in this order;
+        array, shape (n_bodies,).
+        """
+        frame = self.joint.copy()
+        numbers = [rod for rod, *_ in self.rods] + self.moving.body.tolist()
+        frame[numbers] = self.robot.model.njoints + np.arange(len(numbers))
+        return frame
+
+    @cached_property
+    def solids(self) -> Solids:
+        """Return the bodies as kernels take them."""
+        links, placed, here = links_of(self.robot), set(self.moving.body.tolist()), pin.SE3.Identity()
+        n_own = len(links.bodies)
+        others = [
+            solid_of(body.item, here) if k in placed else body.solid
+            for k, body in enumerate(self.bodies[n_own:], start=n_own)
+        ]
+        return links.solids.with_others(Solids.of(self.frame[n_own:], others)) if others else links.solids
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """Return the pairs as kernels take them."""
+        moved = moved_by(self.robot)[self.joint]
+        first, second = self.ends.T
+        return Pairs(
+            np.ascontiguousarray(self.ends),
+            self.kind,
+            common_joints(self.robot, self.joint[first], self.joint[second]),
+            self.exact == np.arange(len(self.exact)),
+            self.taken,
+            np.ascontiguousarray(self.reach),
+            moved[first] != moved[second],
+        )
 
     def name(self, pair: int) -> str:
         """Return the names of both bodies of a pair, for messages."""
-        both = self.geometry.collisionPairs[pair]
-        return f"{self.names[both.first]} and {self.names[both.second]}"
+        first, second = self.ends[pair].tolist()
+        return f"{self.bodies[first].name} and {self.bodies[second].name}"
 
 
 def bodies_of(
     bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float, *, held: bool = True
 ) -> Bodies:
-    """Put robot, obstacles and load into one geometry model.
+    """Put robot, obstacles and load together.
 
     Parameters
     ----------
@@ -170,35 +292,47 @@ def bodies_of(
     held : whether the holders' hands have the load in them, and so no distance from it
     """
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
-    geometry = robot.collision.copy()
-    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
-    on = _joints(geometry)
-    pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs if on[p.first] != on[p.second]]
-    pairs += _add_obstacles(geometry, names, scene)
+    links, obstacles, shapes = links_of(robot), _obstacles(scene), load_shapes(carried)
+    n_links, n_own = robot.collision.ngeoms, len(links.bodies)
+    first_load = n_own + len(obstacles)
+    rods = tuple((first_load + k, *shape.nodes) for k, shape in enumerate(shapes))
+    loads = [
+        _body(pin.GeometryObject(f"load {k}", 0, pin.SE3.Identity(), shape.geometry), "the load")
+        for k, shape in enumerate(shapes)
+    ]
+    bodies = [*links.bodies, *obstacles, *loads]
+    of_links = [k for k in range(n_links) if bodies[k].hull is not None]
+    hulls = dict(zip(of_links, range(n_links, n_own), strict=True))
+    for mesh, body in list(enumerate(bodies))[n_own:]:
+        if body.hull is not None:
+            hulls[mesh] = len(bodies)
+            bodies.append(body.hull)
+    moving = MovingObstacles.among(scene, [body.item for body in bodies], n_own, hulls)
+    others = np.zeros(len(bodies) - n_own)
+    joint = np.concatenate([links.joint, others.astype(np.int64)])
     holders = [arms[i] for i in scene.file.holder_numbers] if held else []
-    rods, with_load = _add_load(robot, geometry, names, carried, holders)
-    pairs, exact, hulls = _with_hulls(geometry, names, pairs + with_load)
-    moving = MovingObstacles.among(scene, geometry, robot.collision.ngeoms, hulls)
-    geometry.removeAllCollisionPairs()
-    for first, second, _ in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(first, second))
-    kind = np.array([p[2] for p in pairs], dtype=np.int64)
-    keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
-    reach, pull, base = _links_of(geometry, bases, names)
+    ends, kind, exact = _with_hulls(
+        bodies, hulls, *_pairs(robot, scene, range(n_own, first_load), [rod for rod, *_ in rods], holders)
+    )
+    base = np.concatenate([links.base, np.full(len(others), SCENE_ITSELF)])
+    pull = np.concatenate([bases.pulls(links.base, links.root, links.length), others])
     pulls = [bases.of_hand(arms[i], hands[:, i]) for i in scene.file.holder_numbers]
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
         pull[rod] = max(amount for _, amount in pulls) * lever
-    taken = _taken([(a, b) for a, b, _ in pairs], pull, base)
+    taken = _taken(ends, pull, base)
     taken[kind == LOAD] += miss * lever
+    keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
+    reach = np.concatenate([links.reach, np.zeros((len(others), robot.model.nv))])
     return Bodies(
         robot=robot,
-        geometry=geometry,
-        names=tuple(names),
+        bodies=tuple(bodies),
+        joint=joint,
+        ends=ends,
         kind=kind,
         required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
         taken=taken,
-        reach=_changes(robot, geometry, reach, np.array(pairs, dtype=np.int64).reshape(-1, 3), moving),
+        reach=_changes(robot, joint, reach, ends, kind, moving),
         exact=exact,
         rods=rods,
         surfaces=scene.surfaces,
@@ -211,32 +345,42 @@ def links_apart(robot: Robot) -> Array:
 
     Pairs are those of the robot's collision geometry; distances are as coal computes them.
     """
-    geometry, bases = robot.collision, Bases(robot, robot.description.uncertainty)
-    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
-    _, pull, base = _links_of(geometry, bases, names)
-    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-    return ROBOT_CLEARANCE + _taken(pairs, pull, base)
+    links, bases = links_of(robot), Bases(robot, robot.description.uncertainty)
+    pairs = np.array([(p.first, p.second) for p in robot.collision.collisionPairs], dtype=np.int64)
+    pull = bases.pulls(links.base, links.root, links.length)
+    return ROBOT_CLEARANCE + _taken(pairs.reshape(-1, 2), pull, links.base)
 
 
-def _taken(pairs: list[tuple[int, int]], pull: Array, base: Integers) -> Array:
+def _taken(ends: Integers, pull: Array, base: Integers) -> Array:
     """Return by how much the true distance of pairs may be less than the computed one; array, shape (n_pairs,) [m].
 
     Parameters
     ----------
-    pull, base : as `_links_of` returns them
+    ends : array, shape (n_pairs, 2), numbers of both bodies
+    pull : array, shape (n_bodies,), largest displacement by the tolerance of a base [m]
+    base : array, shape (n_bodies,), number of the model whose base carries a body; negative for others
     """
-    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    first, second = ends.T
     return np.where(base[first] == base[second], 0.0, pull[first] + pull[second]) + COAL_ERROR
 
 
-def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
-    """Add the scene's obstacles; returns the pairs with all links that a joint or the obstacle moves past."""
-    every, moved, pairs = range(geometry.ngeoms), np.flatnonzero(_joints(geometry)).tolist(), []
-    for i, moves in enumerate(scene.moving):
-        names.append(scene.name_of(i))
-        number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1], -scene.begins))
-        pairs += [(link, number, SCENE) for link in (every if moves else moved)]
-    return pairs
+def _pairs(
+    robot: Robot, scene: Scene, obstacles: range, loads: list[int], holders: list[Arm]
+) -> tuple[Integers, Integers]:
+    """Return pairs of bodies, array of shape (n_pairs, 2), and their kinds: links among each other, with obstacles
+    if a joint or the obstacle moves them past, and with the load.
+    """
+    joint, in_hands = links_of(robot).joint[: robot.collision.ngeoms], list(beyond_wrists(robot, holders))
+    parts = [(links_of(robot).pairs, SELF)]
+    for number, moves in zip(obstacles, scene.moving, strict=True):
+        parts.append((_with(np.flatnonzero(moves | (joint > 0)), number), SCENE))
+    parts += [(_with(np.flatnonzero(~np.isin(joint, in_hands)), load), LOAD) for load in loads]
+    kind = np.repeat([kind for _, kind in parts], [len(ends) for ends, _ in parts])
+    return np.concatenate([ends for ends, _ in parts]), kind
+
+
+def _with(links: Integers, other: int) -> Integers:
+    return np.column_stack([links, np.full(len(links), other)])
 
 
 def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
@@ -247,19 +391,13 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
     ComoveWarning
         Names the pairs, how deep they are, and what to change.
     """
-    geometry, names = robot.collision.copy(), list[str]()
-    links = np.flatnonzero(_joints(geometry) == 0).tolist()
-    _add_obstacles(geometry, names, scene)
-    told = []
-    for link in links:
-        item = geometry.geometryObjects[link]
-        for i in np.flatnonzero(~scene.moving).tolist():
-            obstacle = geometry.geometryObjects[robot.collision.ngeoms + i]
-            pair = [item.geometry, obstacle.geometry], [item.placement, obstacle.placement]
+    told, obstacles = list[str](), _obstacles(scene)
+    for item in (item for item in robot.collision.geometryObjects if item.parentJoint == 0):
+        for obstacle in (obstacles[i] for i in np.flatnonzero(~scene.moving).tolist()):
+            pair = [item.geometry, obstacle.item.geometry], [item.placement, obstacle.item.placement]
             if distance_of(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
-                told.append(
-                    f"{robot.model.frames[item.parentFrame].name} is {depth:.2g} m deep in {names[i]}"
-                )
+                link = robot.model.frames[item.parentFrame].name
+                told.append(f"{link} is {depth:.2g} m deep in {obstacle.name}")
     if told:
         warnings.warn(
             f"{'; '.join(told)}: no motion changes this, and it is not checked; move the obstacle, or correct "
@@ -269,35 +407,23 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
         )
 
 
-def _add_load(
-    robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
-) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
-    """Add the load's shapes; returns their numbers with the nodes that they span, and the pairs with links."""
-    in_hands, rods, pairs = beyond_wrists(robot, holders), list[tuple[int, ...]](), []
-    links = [link for link, joint in enumerate(_joints(robot.collision)) if joint not in in_hands]
-    for shape in load_shapes(carried):
-        name = f"load {len(rods)}"
-        number = geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape.geometry))
-        rods.append((number, *shape.nodes))
-        names.append("the load")
-        pairs += [(link, number, LOAD) for link in links]
-    return tuple(rods), pairs
-
-
 def _with_hulls(
-    geometry: Any, names: list[str], pairs: list[tuple[int, int, int]]
-) -> tuple[list[tuple[int, int, int]], Integers, dict[int, int]]:
-    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs; `Bodies.exact`;
-    and the hulls by mesh.
+    bodies: list[Body], hulls: Mapping[int, int], ends: Integers, kind: Integers
+) -> tuple[Integers, Integers, Integers]:
+    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs, with their kinds;
+    and `Bodies.exact`.
+
+    Parameters
+    ----------
+    hulls : numbers of hulls, by those of the meshes that they hold
     """
-    convex, rough = _hulls(geometry, names)
-    pairs = [(convex.get(a, a), convex.get(b, b), kind) for a, b, kind in pairs]
-    exact = list(range(len(pairs)))
-    for number, (a, b, kind) in enumerate(pairs.copy()):
-        if a in rough or b in rough:
-            exact.append(number)
-            pairs.append((rough.get(a, a), rough.get(b, b), kind))
-    return pairs, np.array(exact, dtype=np.int64), convex | rough
+    convex, rough = np.arange(len(bodies)), np.arange(len(bodies))
+    for mesh, hull in hulls.items():
+        (convex if bodies[mesh].is_convex else rough)[mesh] = hull
+    ends = convex[ends]
+    held = np.flatnonzero((rough[ends] != ends).any(axis=1))
+    exact = np.concatenate([np.arange(len(ends)), held])
+    return np.concatenate([ends, rough[ends[held]]]), kind[exact], exact
 
 
 def obstacle_object(scene: Scene, i: int, name: str, time: float = 0.0) -> Any:
@@ -331,7 +457,8 @@ def _triangles(corners: Array) -> Any:
 
 def links_inside(bodies: Bodies, joints: Array) -> list[str]:
     """Return which links are inside solids that meshes of the scene close, in words, as `links_within`."""
-    return links_within(bodies.robot, bodies.surfaces, bodies.names[bodies.robot.collision.ngeoms :], joints)
+    names = bodies.names[len(links_of(bodies.robot).bodies) :]
+    return links_within(bodies.robot, bodies.surfaces, names, joints)
 
 
 def links_within(robot: Robot, surfaces: Surfaces, obstacles: Sequence[str], joints: Array) -> list[str]:
@@ -370,27 +497,48 @@ def beyond_wrists(robot: Robot, arms: Iterable[Arm]) -> set[int]:
     return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
 
 
-def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, int]]:
-    """Add the convex hulls of meshes; returns the hulls by mesh, those of convex meshes and those of others.
-
-    A mesh stays without one where coal builds none: not where more than 255 edges meet at a vertex.
+def _hull_of(item: Any) -> tuple[Any | None, bool]:
+    """Return the convex hull of a mesh, None where coal builds none, as where more than 255 edges meet at a vertex;
+    and whether it may replace the mesh.
     """
-    convex, others = dict[int, int](), dict[int, int]()
-    for number in range(geometry.ngeoms):
-        item = geometry.geometryObjects[number]
-        if not isinstance(item.geometry, coal.BVHModelBase):
-            continue
-        if item.geometry.convex is None:
-            try:
-                item.geometry.buildConvexHull(True, "Qt")
-            except RuntimeError:
-                continue
-        hull = pin.GeometryObject(
-            f"{HULL_OF}{item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
-        )
-        (convex if _is_convex(item.geometry) else others)[number] = geometry.addGeometryObject(hull)
-        names.append(names[number])
-    return convex, others
+    mesh = item.geometry
+    if not isinstance(mesh, coal.BVHModelBase):
+        return None, False
+    if mesh.convex is None:
+        try:
+            mesh.buildConvexHull(True, "Qt")
+        except RuntimeError:
+            return None, False
+    name, on = f"{HULL_OF}{item.name}", (item.parentJoint, item.parentFrame, item.placement)
+    return pin.GeometryObject(name, *on, mesh.convex), _is_convex(mesh)
+
+
+def solid_of(item: Any, placement: Any = None) -> Solid:
+    """Return a pinocchio.GeometryObject as kernels take it, at its placement or another."""
+    shape, place = item.geometry, item.placement if placement is None else placement
+    shape.computeLocalAABB()
+    ball = place.act(np.array(shape.aabb_center)), float(shape.aabb_radius)
+    kind, points, size = _outline(shape)
+    points = points @ place.rotation.T + place.translation
+    return Solid(kind, points.T, np.array(size), place.rotation, place.translation, *ball)
+
+
+def _outline(shape: Any) -> tuple[int, Array, tuple[float, float, float]]:
+    """Return kind, points, array of shape (n_points, 3), and size of a shape; see `Solids`."""
+    none = np.empty((0, 3))
+    if isinstance(shape, coal.Sphere):
+        return POINTS, np.zeros((1, 3)), (shape.radius, 0.0, 0.0)
+    if isinstance(shape, coal.Capsule):
+        return POINTS, shape.halfLength * np.array([[0, 0, -1.0], [0, 0, 1.0]]), (shape.radius, 0.0, 0.0)
+    if isinstance(shape, coal.Box):
+        return POINTS, np.array(list(product((-1.0, 1.0), repeat=3))) * shape.halfSide, (0.0, 0.0, 0.0)
+    if isinstance(shape, coal.ConvexBase):
+        return POINTS, np.array(shape.points()), (0.0, 0.0, 0.0)
+    if isinstance(shape, coal.Cylinder):
+        return CYLINDER, none, (shape.radius, shape.halfLength, 0.0)
+    if isinstance(shape, coal.Ellipsoid):
+        return ELLIPSOID, none, tuple(shape.radii)
+    return OTHER, none, (0.0, 0.0, 0.0)
 
 
 def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]:
@@ -435,47 +583,24 @@ def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
     return mesh.num_vertices == hull.num_points and abs(mesh.computeVolume() - volume) < missing * volume
 
 
-def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, Integers]:
-    """Return how joints move the bodies, how far tolerances of the bases move them, and on which base they are.
-
-    Returns
-    -------
-    reach : array, shape (n_bodies, n_joints), reach of balls about the bodies, see `Reaches`
-    pull : array, shape (n_bodies,), largest displacement by the tolerance of a base [m]
-    base : array, shape (n_bodies,), number of the model whose base carries a body; -1 for obstacles
-    """
-    robot, count = bases.robot, geometry.ngeoms
-    reach, pull, base = np.zeros((count, robot.model.nv)), np.zeros(count), np.full(count, SCENE_ITSELF)
-    for k, item in enumerate(geometry.geometryObjects):
-        item.geometry.computeLocalAABB()
-        center = item.placement.act(np.array(item.geometry.aabb_center))
-        reach[k], root, length = bases.reaches.of_ball(item.parentJoint, center, item.geometry.aabb_radius)
-        if 0 < item.parentFrame < robot.model.nframes:  # a link, or its hull
-            base[k] = bases.numbers.get(names[k], 0)
-            pull[k] = bases.pull(base[k], root, length)
-    return reach, pull, base
-
-
-def _changes(robot: Robot, geometry: Any, reach: Array, pairs: Integers, moving: MovingObstacles) -> Array:
+def _changes(
+    robot: Robot, joint: Integers, reach: Array, ends: Integers, kind: Integers, moving: MovingObstacles
+) -> Array:
     """Bound how joints, then the load, then moving obstacles change distances; joints that move both bodies do not.
 
     Parameters
     ----------
-    reach : array, shape (n_bodies, n_joints), as in `_links_of`
-    pairs : array, shape (n_pairs, 3), numbers of two bodies, and the kind
+    joint : array, shape (n_bodies,), joint that each body is on
+    reach : array, shape (n_bodies, n_joints), reach of balls about the bodies, see `Reaches`
 
     Returns
     -------
     array, shape (n_pairs, n_joints + 1 + n_moving)
     """
-    moved, (first, second, kind) = moved_by(robot)[_joints(geometry)], pairs.T
+    moved, (first, second) = moved_by(robot)[joint], ends.T
     change = np.where(moved[first] != moved[second], reach[first] + reach[second], 0.0)
     by_obstacle = moving.owns(first) + moving.owns(second)
     return np.column_stack([change, kind == LOAD, by_obstacle])
-
-
-def _joints(geometry: Any) -> Integers:
-    return np.array([item.parentJoint for item in geometry.geometryObjects], dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -499,12 +624,14 @@ class MovingObstacles:
     place: Array
 
     @classmethod
-    def among(cls, scene: Scene, geometry: Any, first: int, hulls: Mapping[int, int]) -> MovingObstacles:
+    def among(
+        cls, scene: Scene, items: Sequence[Any], first: int, hulls: Mapping[int, int]
+    ) -> MovingObstacles:
         """Return the obstacles of a scene that move, among bodies.
 
         Parameters
         ----------
-        geometry : pinocchio.GeometryModel
+        items : pinocchio.GeometryObjects of the bodies
         first : number of the first obstacle's body, which those of the others follow
         hulls : numbers of hulls, by those of the meshes that they hold
         """
@@ -512,7 +639,7 @@ class MovingObstacles:
         body = [(k, first + i) for k, i in enumerate(moving.tolist())]
         body += [(k, hulls[number]) for k, number in body if number in hulls]
         of, numbers = np.array(body, dtype=np.int64).reshape(-1, 2).T
-        placed = [geometry.geometryObjects[number].placement for number in numbers.tolist()]
+        placed = [items[number].placement for number in numbers.tolist()]
         return cls(
             scene,
             moving,

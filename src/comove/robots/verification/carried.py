@@ -16,7 +16,7 @@ vector to the hand no longer than its reach L (1 where joints slide); with S1, S
 
     |p'''| <= L (S3 + 3 S1 S2 + S1^3),     |omega''| <= S3 + 3 S1 S2 + S1^3.
 
-The grid is that of the samples, made finer where this is not tight enough. Kinematics are Pinocchio's.
+The grid is that of the samples, made finer where this is not tight enough.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
-from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by, reaches_of
+from comove.robots.verification.kinematics import joint_motions, reaches_of
 from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
 
@@ -49,11 +49,27 @@ class LoadMotion(Protocol):
     """A load in motion, as the clearance is certified for it: `Carried`, or one that lies still."""
 
     @property
-    def speed(self) -> Ranges:
-        """Return upper bounds of the speed of every node [m/s]."""
+    def bounds(self) -> Ranges:
+        """Return upper bounds of the nodes' speed [m/s] and acceleration [m/s^2]; of width 2."""
 
     def nodes(self, time: Array) -> Array:
         """Compute the positions of the nodes; array, shape (n_steps, n_nodes, 3) [m]."""
+
+
+class Held(NamedTuple):
+    """Where hands hold a load; rotations and spins are None where the scene has no grasp.
+
+    Attributes
+    ----------
+    positions, velocities : arrays, shape (n_steps, n_manipulators, 3) [m, m/s]
+    rotations : array, shape (n_steps, n_manipulators, 3, 3), of the grasp frames
+    spins : array, shape (n_steps, n_manipulators, 3), their angular velocities [rad/s]
+    """
+
+    positions: Array
+    velocities: Array
+    rotations: Array | None
+    spins: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,34 +95,32 @@ class Carried:
 
     def nodes(self, time: Array) -> Array:
         """Compute the positions of the hands and of the load's corners; array, shape (n_steps, n_nodes, 3) [m]."""
-        return self.motion.coordinates.motion(self.motion.at(time / self.motion.scene.duration))[0]
+        q, _, _ = self.motion.at(time / self.motion.scene.duration)
+        return self.motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
 
-    def hands(self, time: Array) -> tuple[Array, Array]:
-        """Compute positions [m] and velocities [m/s] of the hands; arrays, shape (n_steps, n_manipulators, 3)."""
-        duration = self.motion.scene.duration
-        position, velocity, _ = self.motion.hands(time / duration)
-        return position, velocity / duration
-
-    def rotations(self, time: Array) -> tuple[Array, Array] | None:
-        """Compute orientations and angular velocities of the hands' grasp frames; None where the scene has no grasp.
-
-        Returns
-        -------
-        rotations : array, shape (n_steps, n_manipulators, 3, 3)
-        velocities : array, shape (n_steps, n_manipulators, 3) [rad/s]
-        """
-        grasp = self.motion.scene.grasp
+    def hands(self, time: Array) -> Held:
+        """Compute where the hands hold the load, at instants, array of shape (n_steps,) [s]."""
+        scene, (nodes, velocity, _) = self.motion.scene, self._motion(time)
+        n_hands, grasp = len(scene.manipulators), scene.grasp
+        found = Held(nodes[:, :n_hands], velocity[:, :n_hands], None, None)
         if grasp is None:
-            return None
+            return found
+        spin = grasp.spins(nodes, velocity[..., None])[..., 0]
+        spins = np.where(grasp.turning[:, None], spin[:, None], 0.0)
+        return found._replace(rotations=grasp.hand_rotations(nodes), spins=spins)
+
+    def _motion(self, time: Array) -> Array:
+        """Compute positions, velocities and accelerations of all nodes; array, shape (3, n_steps, n_nodes, 3)."""
         duration = self.motion.scene.duration
-        nodes, velocity, _ = self.motion.coordinates.motion(self.motion.at(time / duration))
-        spin = grasp.spins(nodes, velocity[..., None] / duration)[..., 0]
-        return grasp.hand_rotations(nodes), np.where(grasp.turning[:, None], spin[:, None], 0.0)
+        motion = self.motion.coordinates.motion(self.motion.at(time / duration))
+        return motion / np.array([1.0, duration, duration**2])[:, None, None, None]
 
     @cached_property
-    def speed(self) -> Ranges:
-        """Return upper bounds of the speed of every node [m/s]."""
-        return Ranges(self.time, self._speeds / self.motion.scene.duration)
+    def bounds(self) -> Ranges:
+        """Return upper bounds of the nodes' speed [m/s] and acceleration [m/s^2]; of width 2."""
+        duration = self.motion.scene.duration
+        bounds = self._speeds / duration, self._bounds.acceleration / duration**2
+        return Ranges(self.time, np.column_stack([bound.max(axis=1) for bound in bounds]))
 
     @cached_property
     def jerk(self) -> Ranges:
@@ -130,7 +144,7 @@ class Carried:
         if scene.grasp is None or len(scene.grasp.holders) < 2:
             return Ranges(time, np.zeros((N_INTERVALS, 1)))
         pair = list(scene.grasp.holders[:2])
-        hands = self.nodes(time)[:, pair, :2]
+        hands = self.knots[0][:, pair, :2]
         apart = np.linalg.norm(hands[:, 0] - hands[:, 1], axis=1)
         change = self._speeds[:, pair].sum(axis=1)
         least = np.minimum(apart[1:], apart[:-1]) - 0.5 / N_INTERVALS * change
@@ -141,6 +155,13 @@ class Carried:
         return Ranges(time, bound[:, None] / scene.duration**3)
 
     @cached_property
+    def knots(self) -> Array:
+        """Return the nodes at the knots and their derivatives in unit duration; array, shape (3, n_knots, n_nodes,
+        3) [m].
+        """
+        return self.motion.coordinates.motion(self.motion.knots)
+
+    @cached_property
     def _bounds(self) -> NodeBounds:
         return node_bounds(self.motion)
 
@@ -149,7 +170,7 @@ class Carried:
         """Return upper bounds of the speed of every node between two knots, in unit duration; (n_intervals,
         n_nodes).
         """
-        speed = np.linalg.norm(self.motion.coordinates.motion(self.motion.knots)[1], axis=2)
+        speed = _sizes(self.knots[1])
         return np.maximum(speed[1:], speed[:-1]) + 0.5 / N_INTERVALS * self._bounds.acceleration
 
 
@@ -171,7 +192,7 @@ def load_shapes(carried: Carried, thin: float = 1e-6) -> list[LoadShape]:
     """Return all shapes of the load, in the largest size that they have at any time; no rod is thinner than `thin`
     [m].
     """
-    body, nodes = carried.motion.scene.body, carried.nodes(carried.time)
+    body, nodes = carried.motion.scene.body, carried.knots[0]
     shapes = []
     for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
         if a != b:
@@ -290,14 +311,15 @@ def holding_errors(
     time, pieces = _grid(curve.x, np.maximum(jerk, turn_jerk).max(axis=1), tight, finest)
     jerk, turn_jerk = jerk[pieces], turn_jerk[pieces]
     places, rotations, velocities, spins = _grasp_frames(robot, arms, curve(time), curve(time, 1))
-    wanted, wanted_velocity = carried.hands(time)
-    error, drift = places - wanted, velocities - wanted_velocity
+    held = carried.hands(time)
+    error, drift = places - held.positions, velocities - held.velocities
     turn, turning = np.zeros(error.shape[:2]), np.zeros_like(error)
-    if (held := carried.rotations(time)) is not None:
-        chord = np.linalg.norm(rotations - held[0], axis=(2, 3)) / np.sqrt(8.0)  # sine of half the angle
-        turn, turning = 2 * np.arcsin(np.minimum(chord, 1.0)), spins - held[1]
-    else:
+    if held.rotations is None or held.spins is None:
         turn_jerk = np.zeros_like(turn_jerk)
+    else:
+        away = (rotations - held.rotations).reshape(*turn.shape, 9)
+        chord = _sizes(away) / np.sqrt(8.0)  # sine of half the angle
+        turn, turning = 2 * np.arcsin(np.minimum(chord, 1.0)), spins - held.spins
     half = 0.5 * np.diff(time)
     apart = [
         _between(
@@ -363,18 +385,17 @@ def _grasp_frames(
     """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
     frame.
     """
-    turns, origins = joint_placements(robot, positions)
-    twists, moves = joint_twists(robot, turns, origins, rates), moved_by(robot)
+    turns, origins, speeds, turnings = joint_motions(robot, positions, rates)
     places, rotations, velocities, spins = [], [], [], []
     for arm in arms:
         joint, grasp = robot.grasp_frame(arm)
-        twist = twists[:, moves[joint]].sum(axis=1)
-        places.append(origins[joint] + turns[joint] @ grasp.translation)
-        rotations.append(turns[joint] @ grasp.rotation)
-        velocities.append(twist[:, :3] + cross(twist[:, 3:], places[-1]))
-        spins.append(twist[:, 3:])
+        lever = turns[:, joint] @ grasp.translation
+        places.append(origins[:, joint] + lever)
+        rotations.append(turns[:, joint] @ grasp.rotation)
+        velocities.append(speeds[:, joint] + cross(turnings[:, joint], lever))
+        spins.append(turnings[:, joint])
     return np.stack(places, 1), np.stack(rotations, 1), np.stack(velocities, 1), np.stack(spins, 1)
 
 
 def _sizes(vectors: Array) -> Array:
-    return np.linalg.norm(vectors, axis=-1)
+    return np.sqrt(np.einsum("...i,...i", vectors, vectors))

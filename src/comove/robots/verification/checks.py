@@ -73,7 +73,7 @@ def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | Non
     carried, bases = Carried.straight(scene), Bases(robot, robot.description.uncertainty)
     bodies = bodies_of(bases, arms, carried, scene.nodes_at("start")[None, : len(arms)], 0.0)
     columns = np.concatenate([arm.columns for arm in arms])
-    moved = np.array(moved_by(robot)[bodies.joint[bodies.ends]][..., columns].any(axis=(1, 2)))
+    moved = moved_by(robot)[bodies.joint[bodies.ends]][..., columns].any(axis=(1, 2))
     bodies = bodies.some((bodies.kind == SCENE) & ~moved & bodies.reach[:, robot.model.nv :].any(axis=1))
     ends = np.array([0.0, scene.duration])
     home = JointMotion(ends, robot.joint_names, np.stack([robot.home] * 2))

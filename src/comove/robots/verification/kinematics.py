@@ -1,7 +1,7 @@
-"""Placements and twists of all joints at many configurations at once, and bounds of how far joints move a robot.
+"""Placements and velocities of all joints at many configurations at once, and bounds of how far joints move a robot.
 
 Pinocchio places one configuration a call, and reading a result costs more than computing it. Where thousands are
-needed, the same product of placements is taken here for all of them; the tests compare both.
+needed, one kernel takes the same product of placements for all of them; the tests compare both.
 
 The distance of a part from an axis turns rates of joints into speeds. Its bounds add up lengths along the chain, so
 they hold for all joint positions within the limits. So do the tolerances of
@@ -20,7 +20,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.arrays import Array, Integers
-from comove.geometry.rotations import cross
+from comove.compiled import kernel
 from comove.robots.description import Uncertainty
 from comove.robots.model import Arm, Robot
 
@@ -134,19 +134,21 @@ class Bases:
         """
         return _bases_by_name(self.robot)
 
-    def pull(self, base: int, root: Array, length: float) -> float:
-        """Bound the displacement, by the tolerance of a base, of points at most `length` from a point `root` [m].
+    def pulls(self, base: Integers, root: Array, length: Array | float) -> Array:
+        """Bound the displacements, by the tolerance of a base, of points at most `length` from a point `root` [m].
 
         Turning about its origin by an angle a moves a point at the distance r by at most a r.
 
         Parameters
         ----------
-        root : array, shape (..., 3); the furthest of several points counts
+        base : array, shape (n,), numbers of bases
+        root : array, shape (n, 3)
         """
-        origin = np.array(self.robot.description.models[base].base.position)
+        origin = np.array([model.base.position for model in self.robot.description.models])[base]
         turn = np.deg2rad(self.uncertainty.rotation_deg)
-        away = np.linalg.norm(root - origin, axis=-1)
-        return float(self.uncertainty.position + turn * (away.max() + length))
+        return np.asarray(
+            self.uncertainty.position + turn * (np.linalg.norm(root - origin, axis=-1) + length)
+        )
 
     def of_hand(self, arm: Arm, places: Array) -> tuple[int, float]:
         """Return the base of an arm, and the largest error of its hand due to that base [m].
@@ -157,63 +159,78 @@ class Bases:
         """
         joint, _ = self.robot.grasp_frame(arm)
         base = self.numbers.get(self.robot.model.names[joint], 0)
-        return base, self.pull(base, places, 0.0)
+        return base, float(self.pulls(np.full(len(places), base), places, 0.0).max())
 
 
-class _Tree(NamedTuple):
-    """Placements, axes and kinds of the joints of a model, the universe first.
+class Tree(NamedTuple):
+    """Joints of a model as kernels take them, the universe first.
 
     Attributes
     ----------
     parents : array, shape (n_joints + 1,)
+    columns : array, shape (n_joints + 1,), column of each joint, -1 for the universe
     turn, shift : arrays, shape (n_joints + 1, 3, 3) and (n_joints + 1, 3), of each joint in the one before it [m]
-    cross, square : arrays, shape (n_joints + 1, 3, 3), the axis k as k x and k x (k x)
-    axis, slides : arrays, shape (n_joints + 1, 3) and (n_joints + 1,)
-    columns : array, shape (n_joints,), column of each joint but the universe
-    moves : array, shape (n_joints + 1, n_joints), whether the joint of a column moves what is on a joint
+    sine, versine : arrays, shape (n_joints + 1, 3, 3), what the sine, and one less the cosine, of a joint add to
+        `turn`; zeros for joints that slide
+    axis : array, shape (n_joints + 1, 3), axes in the frames before the joints
+    slides : array, shape (n_joints + 1,)
     """
 
     parents: Integers
+    columns: Integers
     turn: Array
     shift: Array
-    cross: Array
-    square: Array
+    sine: Array
+    versine: Array
     axis: Array
     slides: NDArray[np.bool_]
-    columns: Integers
-    moves: NDArray[np.bool_]
 
 
 @lru_cache(maxsize=8)
-def _tree(robot: Robot) -> _Tree:
+def tree_of(robot: Robot) -> Tree:
+    """Return the joints of a robot as kernels take them."""
     model: Any = robot.model
     reaches = reaches_of(robot)
-    columns = np.array([model.idx_vs[joint] for joint in range(1, model.njoints)], dtype=np.int64)
-    axis = np.concatenate([np.zeros((1, 3)), reaches.axes[columns]])
-    moves = np.zeros((model.njoints, model.nv), dtype=bool)
-    for joint in range(1, model.njoints):
-        moves[joint] = moves[model.parents[joint]]
-        moves[joint, columns[joint - 1]] = True
+    columns = np.array([-1, *model.idx_vs[1:]], dtype=np.int64)
+    axis = np.concatenate([np.zeros((1, 3)), reaches.axes[columns[1:]]])
+    slides = np.concatenate([[False], reaches.slides[columns[1:]]])
+    turn = np.array([placement.rotation for placement in model.jointPlacements])
     cross = np.zeros((len(axis), 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]], cross[:, [1, 2, 0], [2, 0, 1]] = axis, -axis
-    return _Tree(
+    cross[slides] = 0.0
+    return Tree(
         np.array(model.parents, dtype=np.int64),
-        np.array([placement.rotation for placement in model.jointPlacements]),
-        np.array([placement.translation for placement in model.jointPlacements]),
-        cross,
-        cross @ cross,
-        axis,
-        np.concatenate([[False], reaches.slides[columns]]),
         columns,
-        moves,
+        turn,
+        np.array([placement.translation for placement in model.jointPlacements]),
+        turn @ cross,
+        turn @ cross @ cross,
+        np.einsum("jab,jb->ja", turn, axis),
+        slides,
     )
 
 
+@lru_cache(maxsize=8)
 def moved_by(robot: Robot) -> NDArray[np.bool_]:
     """Return whether the joint of a column moves what is on a joint; array, shape (n_joints + 1, n_joints), the
     universe first.
     """
-    return _tree(robot).moves
+    tree = tree_of(robot)
+    moves = np.zeros((len(tree.parents), robot.model.nv), dtype=bool)
+    for joint in range(1, len(moves)):
+        moves[joint] = moves[tree.parents[joint]]
+        moves[joint, tree.columns[joint]] = True
+    return moves
+
+
+def common_joints(robot: Robot, first: Integers, second: Integers) -> Integers:
+    """Return the last joints that move what is on either of two joints, 0 where none does; arrays, shape (n,)."""
+    moves, supports = moved_by(robot), robot.model.supports
+    depth = max(map(len, supports))
+    above = np.array(
+        [[*joints, *([0] * (depth - len(joints)))] for joints in map(list, supports)], dtype=np.int64
+    )
+    return above[first, (moves[first] & moves[second]).sum(axis=1)]
 
 
 def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
@@ -225,43 +242,223 @@ def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    arrays, shape (n_joints + 1, n_steps, 3, 3) and (n_joints + 1, n_steps, 3) [m]
+    arrays, shape (n_steps, n_joints + 1, 3, 3) and (n_steps, n_joints + 1, 3) [m]
     """
-    tree, model = _tree(robot), robot.model
-    turns, places = np.empty((model.njoints, len(q), 3, 3)), np.empty((model.njoints, len(q), 3))
-    turns[0], places[0] = np.eye(3), 0.0
-    shape = len(q), 3, 3
-    for joint in range(1, model.njoints):
-        parent, value = tree.parents[joint], q[:, model.idx_qs[joint]]
-        before = turns[parent].reshape(-1, 3)  # one large product is faster than many small ones
-        places[joint] = places[parent] + (before @ tree.shift[joint]).reshape(-1, 3)
-        turn = before @ tree.turn[joint]
-        turns[joint] = turn.reshape(shape)
-        if tree.slides[joint]:
-            places[joint] += (turn @ tree.axis[joint]).reshape(-1, 3) * value[:, None]
-            continue
-        sine, versine = np.sin(value)[:, None, None], (1.0 - np.cos(value))[:, None, None]
-        turns[joint] += sine * (turn @ tree.cross[joint]).reshape(shape)
-        turns[joint] += versine * (turn @ tree.square[joint]).reshape(shape)
-    return turns, places
+    return joint_motions(robot, q, np.empty((0, q.shape[1])))[:2]
 
 
-def joint_twists(robot: Robot, turns: Array, places: Array, rates: Array) -> Array:
-    """Compute the twists that the joints give to what they move, at the scene's origin.
+def joint_motions(robot: Robot, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
+    """Compute placements and velocities of all joints, the universe first, in the scene's frame.
 
     Parameters
     ----------
-    turns, places : the joints' placements, as `joint_placements` returns them
-    rates : array, shape (n_steps, n_joints), rates of the joints [rad/s, m/s]
+    q, rates : arrays, shape (n_steps, n_joints), positions and rates of the joints [rad, rad/s; m for joints that
+        slide]; with no rates, no velocities are computed
 
     Returns
     -------
-    array, shape (n_steps, n_joints, 6), linear velocities [m/s], then angular ones [rad/s]
+    turns, places : arrays, shape (n_steps, n_joints + 1, 3, 3) and (n_steps, n_joints + 1, 3) [m]
+    velocities, spins : arrays, shape (n_steps, n_joints + 1, 3), of the joints' origins [m/s] and frames [rad/s]
     """
-    tree = _tree(robot)
-    axes = np.einsum("jnik,jk->jni", turns[1:], tree.axis[1:])
-    slides = tree.slides[1:, None, None]
-    linear, angular = np.where(slides, axes, cross(places[1:], axes)), np.where(slides, 0.0, axes)
-    twists = np.empty((*rates.shape, 6))
-    twists[:, tree.columns] = np.concatenate([linear, angular], axis=2).swapaxes(0, 1)
-    return twists * rates[:, :, None]
+    return _moved(tree_of(robot), np.ascontiguousarray(q), np.ascontiguousarray(rates))
+
+
+@kernel
+def _moved(tree: Tree, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
+    """Return what `joint_motions` does."""
+    n_steps, n_rates, n_frames = q.shape[0], rates.shape[0], tree.parents.shape[0]
+    turns, places = np.empty((n_steps, n_frames, 3, 3)), np.zeros((n_steps, n_frames, 3))
+    velocities, spins = np.zeros((n_rates, n_frames, 3)), np.zeros((n_rates, n_frames, 3))
+    own, axis, arm = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for t in range(n_steps):
+        for a in range(3):
+            for b in range(3):
+                turns[t, 0, a, b] = 1.0 if a == b else 0.0
+        for j in range(1, n_frames):
+            before, value = turns[t, tree.parents[j]], q[t, tree.columns[j]]
+            sine, versine = np.sin(value), 1.0 - np.cos(value)
+            for a in range(3):
+                for b in range(3):
+                    own[a, b] = (
+                        tree.turn[j, a, b] + sine * tree.sine[j, a, b] + versine * tree.versine[j, a, b]
+                    )
+            slid = value if tree.slides[j] else 0.0
+            for a in range(3):
+                axis[a] = arm[a] = 0.0
+                for c in range(3):
+                    axis[a] += before[a, c] * tree.axis[j, c]
+                    arm[a] += before[a, c] * (tree.shift[j, c] + slid * tree.axis[j, c])
+                places[t, j, a] = places[t, tree.parents[j], a] + arm[a]
+                for b in range(3):
+                    turns[t, j, a, b] = (
+                        before[a, 0] * own[0, b] + before[a, 1] * own[1, b] + before[a, 2] * own[2, b]
+                    )
+            if n_rates == 0:
+                continue
+            rate, spin = rates[t, tree.columns[j]], spins[t, tree.parents[j]]
+            for a in range(3):
+                b, c = (a + 1) % 3, (a + 2) % 3
+                velocities[t, j, a] = velocities[t, tree.parents[j], a] + spin[b] * arm[c] - spin[c] * arm[b]
+                if tree.slides[j]:
+                    velocities[t, j, a] += rate * axis[a]
+                    spins[t, j, a] = spin[a]
+                else:
+                    spins[t, j, a] = spin[a] + rate * axis[a]
+    return turns, places, velocities, spins
+
+
+class Inertias(NamedTuple):
+    """Masses that joints move, as kernels take them, and gravity.
+
+    Attributes
+    ----------
+    mass : array, shape (n_joints + 1,) [kg]
+    center : array, shape (n_joints + 1, 3), centres of mass in the joints' frames [m]
+    tensor : array, shape (n_joints + 1, 3, 3), about the centres of mass [kg m^2]
+    armature : array, shape (n_joints,), inertias of the rotors [kg m^2]
+    gravity : array, shape (3,) [m/s^2]
+    """
+
+    mass: Array
+    center: Array
+    tensor: Array
+    armature: Array
+    gravity: Array
+
+    @classmethod
+    def of(cls, model: Any) -> Inertias:
+        """Return those of a pinocchio.Model."""
+        parts = list(model.inertias)
+        return cls(
+            np.array([part.mass for part in parts]),
+            np.array([part.lever for part in parts]),
+            np.array([part.inertia for part in parts]),
+            np.array(model.armature),
+            np.array(model.gravity.linear),
+        )
+
+
+def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
+    """Compute what moves the joints, by recursive Newton-Euler (Luh, Walker & Paul, 1980).
+
+    Parameters
+    ----------
+    q, rates, bends : arrays, shape (n_steps, n_joints), positions, rates and second derivatives of the joints
+
+    Returns
+    -------
+    array, shape (n_steps, n_joints) [N m, N for joints that slide]
+    """
+    return _driven(tree_of(robot), inertias, *map(np.ascontiguousarray, (q, rates, bends)))
+
+
+@kernel
+def _driven(tree: Tree, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
+    """Return what `inverse_dynamics` does; all vectors are in the frames of their joints."""
+    n_frames, result = tree.parents.shape[0], np.empty(q.shape)
+    turn, arm, axis = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3)), np.empty((n_frames, 3))
+    spin, swing, pull = np.zeros((n_frames, 3)), np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
+    force, moment = np.empty((n_frames, 3)), np.empty((n_frames, 3))
+    felt, along, tilted = np.empty(3), np.empty(3), np.empty(3)
+    for a in range(3):
+        pull[0, a] = -inertias.gravity[a]
+    for t in range(q.shape[0]):
+        for j in range(1, n_frames):
+            i, k = tree.parents[j], tree.columns[j]
+            value, rate, bend = q[t, k], rates[t, k], bends[t, k]
+            sine, versine = np.sin(value), 1.0 - np.cos(value)
+            for a in range(3):
+                arm[j, a] = tree.shift[j, a]
+                if tree.slides[j]:
+                    arm[j, a] += value * tree.axis[j, a]
+                for b in range(3):
+                    turn[j, a, b] = (
+                        tree.turn[j, a, b] + sine * tree.sine[j, a, b] + versine * tree.versine[j, a, b]
+                    )
+            for a in range(3):  # how the frame before accelerates where this one is
+                b, c = (a + 1) % 3, (a + 2) % 3
+                along[a] = spin[i, b] * arm[j, c] - spin[i, c] * arm[j, b]
+            for a in range(3):
+                b, c = (a + 1) % 3, (a + 2) % 3
+                felt[a] = (
+                    pull[i, a]
+                    + swing[i, b] * arm[j, c]
+                    - swing[i, c] * arm[j, b]
+                    + spin[i, b] * along[c]
+                    - spin[i, c] * along[b]
+                )
+            for a in range(3):
+                spin[j, a] = (
+                    turn[j, 0, a] * spin[i, 0] + turn[j, 1, a] * spin[i, 1] + turn[j, 2, a] * spin[i, 2]
+                )
+                swing[j, a] = (
+                    turn[j, 0, a] * swing[i, 0] + turn[j, 1, a] * swing[i, 1] + turn[j, 2, a] * swing[i, 2]
+                )
+                pull[j, a] = turn[j, 0, a] * felt[0] + turn[j, 1, a] * felt[1] + turn[j, 2, a] * felt[2]
+                axis[j, a] = (
+                    turn[j, 0, a] * tree.axis[j, 0]
+                    + turn[j, 1, a] * tree.axis[j, 1]
+                    + turn[j, 2, a] * tree.axis[j, 2]
+                )
+            for a in range(3):
+                b, c = (a + 1) % 3, (a + 2) % 3
+                turning = rate * (spin[j, b] * axis[j, c] - spin[j, c] * axis[j, b])
+                if tree.slides[j]:
+                    pull[j, a] += bend * axis[j, a] + 2.0 * turning
+                else:
+                    swing[j, a] += bend * axis[j, a] + turning
+            if not tree.slides[j]:
+                for a in range(3):
+                    spin[j, a] += rate * axis[j, a]
+            _pushed(inertias, j, spin[j], swing[j], pull[j], force[j], moment[j], along, tilted)
+        for j in range(n_frames - 1, 0, -1):
+            i, k = tree.parents[j], tree.columns[j]
+            carried = force[j] if tree.slides[j] else moment[j]
+            result[t, k] = inertias.armature[k] * bends[t, k]
+            for a in range(3):
+                result[t, k] += axis[j, a] * carried[a]
+            if i == 0:
+                continue
+            for a in range(3):
+                felt[a] = (
+                    turn[j, a, 0] * force[j, 0] + turn[j, a, 1] * force[j, 1] + turn[j, a, 2] * force[j, 2]
+                )
+                force[i, a] += felt[a]
+                moment[i, a] += (
+                    turn[j, a, 0] * moment[j, 0] + turn[j, a, 1] * moment[j, 1] + turn[j, a, 2] * moment[j, 2]
+                )
+            for a in range(3):
+                b, c = (a + 1) % 3, (a + 2) % 3
+                moment[i, a] += arm[j, b] * felt[c] - arm[j, c] * felt[b]
+    return result
+
+
+@kernel
+def _pushed(
+    inertias: Inertias,
+    j: int,
+    spin: Array,
+    swing: Array,
+    pull: Array,
+    force: Array,
+    moment: Array,
+    along: Array,
+    tilted: Array,
+) -> None:
+    """Write the force and the moment about a joint's origin that accelerate its mass; the last two are scratch."""
+    center = inertias.center[j]
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        along[a] = spin[b] * center[c] - spin[c] * center[b]
+        tensor = inertias.tensor[j, a]
+        tilted[a] = tensor[0] * spin[0] + tensor[1] * spin[1] + tensor[2] * spin[2]
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        felt = swing[b] * center[c] - swing[c] * center[b] + spin[b] * along[c] - spin[c] * along[b]
+        force[a] = inertias.mass[j] * (pull[a] + felt)
+        tensor = inertias.tensor[j, a]
+        moment[a] = tensor[0] * swing[0] + tensor[1] * swing[1] + tensor[2] * swing[2]
+        moment[a] += spin[b] * tilted[c] - spin[c] * tilted[b]
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        moment[a] += center[b] * force[c] - center[c] * force[b]

@@ -1,6 +1,6 @@
 """The verification of joint motions, the only maker of `VerifiedJointMotion`.
 
-It shares no code with the search: kinematics and dynamics are Pinocchio's, distances coal's.
+It shares no code with the search: models are Pinocchio's, shapes coal's, and kernels of its own compute the rest.
 
 ====================== =================================================================================
 what                   how it is known
