@@ -84,6 +84,9 @@ class Kernel(CPUDispatcher):
         module, name = self._names
         return getattr(sys.modules.get(module), name, None) is self
 
+    def _compilation_chain_init_hook(self) -> None:
+        """Load no extensions of numba before one must compile; that is when `KernelCache` finds nothing."""
+
     def compile(self, sig: Any) -> Any:
         """Return the function for types of arguments, compiled now or before."""
         with _uncollected():

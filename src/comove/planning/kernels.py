@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from comove.compiled.finished import finish, finished
 from comove.dmp.demonstrations.demonstration import Demonstration
 from comove.dmp.dmp import DMP
 from comove.model.coordinates import load_coordinates
@@ -69,10 +70,13 @@ def load_kernels(kind: SceneKind, beside: Callable[[], object] | None = None) ->
     ----------
     beside : function that is called while another process compiles; where there is nothing to compile, at once
     """
+    if str(kind) in finished():
+        return
     with meanwhile(load_last_kernels, **asdict(kind)):
         begin_loading(beside)
         _load_once(kind)
     _load_forest_once(kind)
+    finish(str(kind))
 
 
 def begin_loading(beside: Callable[[], object] | None) -> None:
