@@ -74,7 +74,7 @@ def run_joints(
     from comove.sim.pictures import FilmedRun
     from comove.sim.robot_runs import write_robot_run
     from comove.sim.settings import PLAN
-    from comove.view.figures import draw_joints, save
+    from comove.view.figures import Joints, draw_joints, save
 
     o.require_one_of(how.grasp, tuple(GRASPS), "grasp")
     if not LEAST_RATE <= how.rate <= LARGEST_RATE:
@@ -105,7 +105,7 @@ def run_joints(
     with whole_folder(out, RESULT) as draft:
         failed = " (not as it should)" if report.reasons else ""
         title = f"{loaded.name}, {carrier.name}, online{failed}"
-        save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
+        save(draw_joints(Joints.of(carrier, record.motion), title=title), draft / "joints.png")
         summary = write_robot_run(
             draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
         )

@@ -32,9 +32,9 @@ from llvmlite import binding as llvm
 from numba.core import event, sigutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
-from numba.core.compiler import CompileResult
+from numba.core.compiler import compile_result
 from numba.core.environment import Environment
-from numba.core.runtime import _nrt_python
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]  # of C
 
 from comove.errors import ComoveWarning
 
@@ -224,17 +224,14 @@ class _Stored(CompileResultCacheImpl):
         name, _, (machine_code, llvm_code) = code
         library = _Found(target_context.codegen(), name, machine_code, llvm_code, symbols)
         library._reload_init.update(reload)  # numba passes it on to callers from what was compiled alone
-        found = CompileResult(
+        found = compile_result(
             typing_context=target_context.typing_context,
             target_context=target_context,
             entry_point=target_context.get_executable(library, description, environment),
-            typing_error=None,
             type_annotation=notes,
             signature=signature,
             library=library,
-            call_helper=None,
             environment=environment,
-            metadata=None,
             fndesc=description,
             objectmode=in_objects,
             lifted=lifted,

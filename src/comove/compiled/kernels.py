@@ -53,9 +53,7 @@ def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any
     if config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba fills it from the environment
         return function
     fixed = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": counted}
-    made = Kernel(function, targetoptions={**options, **fixed})
-    made.enable_caching()
-    return made
+    return Kernel(function, targetoptions={**options, **fixed})
 
 
 class Kernel(CPUDispatcher):
@@ -63,6 +61,8 @@ class Kernel(CPUDispatcher):
 
     _compiler: Any  # numba's, without types
     targetctx: Any
+
+    _kept: KernelCache | None
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
@@ -92,9 +92,16 @@ class Kernel(CPUDispatcher):
         with _uncollected():
             return super().compile(sig)
 
-    def enable_caching(self) -> None:
-        """Keep what is compiled on disk."""
-        self._cache = KernelCache(self.py_func, "entry")
+    @property
+    def _cache(self) -> KernelCache:
+        """Return the cache on disk, which is looked for when the kernel is called first."""
+        if self._kept is None:
+            self._kept = KernelCache(self.py_func, "entry")
+        return self._kept
+
+    @_cache.setter
+    def _cache(self, _: Any) -> None:
+        self._kept = None
 
     @cached_property
     def callee(self) -> Any:

@@ -110,7 +110,6 @@ class MotionBasis:
         )
 
 
-@lru_cache(maxsize=32)
 def motion_basis(
     n_basis: int,
     metric: Metric = "velocity",
@@ -143,9 +142,16 @@ def motion_basis(
         If `n_basis` is not between 1 and 200, or the metric of jerk is combined with another phase, other kernels
         or a fading goal.
     """
+    return _motion_basis(n_basis, metric, phase or LinearPhase(), kernels, fading_goal)
+
+
+@lru_cache(maxsize=32)
+def _motion_basis(
+    n_basis: int, metric: Metric, phase: Phase, kernels: Kernels, fading_goal: bool
+) -> MotionBasis:
     if not 1 <= n_basis <= MAX_BASIS:
         raise ValueError(f"n_basis = {n_basis}: give 1 to {MAX_BASIS} shape weights")
-    smooth, phase = metric == "jerk", phase or LinearPhase()
+    smooth = metric == "jerk"
     if smooth and (phase != LinearPhase() or kernels is not gaussians or fading_goal):
         raise ValueError("the metric of jerk has a linear phase, splines for its forcing, and no fading goal")
     psi = _splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
