@@ -16,14 +16,16 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import pickle
 import pkgutil
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
+from importlib import import_module
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -37,6 +39,12 @@ from numba.core.environment import Environment
 from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]  # of C
 
 from comove.errors import ComoveWarning
+
+fcntl: ModuleType | None
+try:
+    fcntl = import_module("fcntl")
+except ImportError:  # no Unix
+    fcntl = None
 
 LOADING = "comove:load"  # a kind of events
 ADDRESS = re.compile(r"0x[0-9a-f]+")
@@ -245,6 +253,12 @@ class _Stored(CompileResultCacheImpl):
         return found
 
 
+@cache
+def _lock_file(folder: str) -> int:
+    """Return the open file whose bytes are locked; to close it would give all of them free."""
+    return os.open(os.path.join(folder, "comove_kernels.lock"), os.O_RDWR | os.O_CREAT, 0o666)
+
+
 class KernelCache(FunctionCache):
     """Compiled functions on disk; what cannot be read or written counts as missing."""
 
@@ -252,6 +266,7 @@ class KernelCache(FunctionCache):
 
     def __init__(self, py_func: Callable, role: str):
         self._role = role
+        self._turns: list[tuple[int, int]] = []
         try:
             super().__init__(py_func)
         except RuntimeError:  # no folder can be written
@@ -271,14 +286,50 @@ class KernelCache(FunctionCache):
         All that numba knows of types and functions is loaded, which is slow, only where something must be compiled.
         """
         _offer_runtime()
-        try:
-            with event.trigger_event(LOADING):
-                found = self._load_overload(sig, target_context)
-        except Exception:  # of another version of LLVM, or whatever else does not fit
-            found = None
+        found = self._found(sig, target_context)
+        if found is None and self._begin_turn(sig, target_context):
+            found = self._found(sig, target_context)
         if found is None:
             target_context.refresh()
         return found
+
+    def _found(self, sig: Any, target_context: Any) -> Any:
+        try:
+            with event.trigger_event(LOADING):
+                return self._load_overload(sig, target_context)
+        except Exception:  # of another version of LLVM, or whatever else does not fit
+            return None
+
+    def _begin_turn(self, sig: Any, target_context: Any) -> bool:
+        """Wait until no other process compiles the function, which it may be waited for to save; return whether.
+
+        A byte of a file is locked, which the system gives free when a process dies. Where there are no such locks,
+        two processes may compile the same.
+        """
+        if fcntl is None or not self._enabled:
+            return False
+        try:
+            self._impl.locator.ensure_cache_path()
+            file = _lock_file(self._cache_path)
+            key = hashlib.sha256(text_of(self._index_key(sig, target_context.codegen())).encode()).digest()
+            byte = int.from_bytes(key[:4], "big")
+            fcntl.lockf(file, fcntl.LOCK_EX, 1, byte)
+        except OSError:
+            return False
+        self._turns.append((file, byte))
+        return True
+
+    @contextmanager
+    def turns(self) -> Iterator[None]:
+        """Let other processes compile in the end what was to be compiled in this context."""
+        before = len(self._turns)
+        try:
+            yield
+        finally:
+            while len(self._turns) > before:
+                file, byte = self._turns.pop()
+                with suppress(OSError):
+                    fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)  # type: ignore[union-attr]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled function."""

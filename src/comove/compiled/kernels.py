@@ -22,13 +22,13 @@ from importlib import import_module
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import config, sigutils
+from numba.core import config, event, sigutils
 from numba.core.environment import Environment
 from numba.core.itanium_mangler import mangle
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
-from comove.compiled.cache import KernelCache, text_of
+from comove.compiled.cache import LOADING, KernelCache, text_of
 
 LARGE = 1000  # lines of LLVM, of kernels that are called where they lie
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
@@ -87,9 +87,14 @@ class Kernel(CPUDispatcher):
     def _compilation_chain_init_hook(self) -> None:
         """Load no extensions of numba before one must compile; that is when `KernelCache` finds nothing."""
 
+    def _compile_for_args(self, *args: Any, **more: Any) -> Any:
+        """Return the function for arguments, of which numba's types take long to find where many are nested."""
+        with event.trigger_event(LOADING):
+            return super()._compile_for_args(*args, **more)  # type: ignore[misc]  # of C
+
     def compile(self, sig: Any) -> Any:
         """Return the function for types of arguments, compiled now or before."""
-        with _uncollected():
+        with _uncollected(), self._cache.turns():
             return super().compile(sig)
 
     @property
@@ -106,9 +111,7 @@ class Kernel(CPUDispatcher):
     @cached_property
     def callee(self) -> Any:
         """Return what other kernels call, numba's dispatcher of the function without an entry."""
-        made: Any = CPUDispatcher(
-            self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True}
-        )
+        made = _Callee(self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True})
         made._cache = KernelCache(self.py_func, "callee")
         return made
 
@@ -169,6 +172,17 @@ class Kernel(CPUDispatcher):
             reload_init=[reload],
             metadata={},
         )
+
+
+class _Callee(CPUDispatcher):
+    """What other kernels call."""
+
+    _cache: KernelCache
+
+    def compile(self, sig: Any) -> Any:
+        """Return the function for types of arguments, compiled now or before."""
+        with self._cache.turns():
+            return super().compile(sig)
 
 
 @contextmanager
