@@ -1,15 +1,16 @@
-"""How long a user waits for the command line: first run after installation, later runs, and the help.
+"""How long a user waits for the command line, and for the first search in Python; of two versions in turn.
 
-- first run: ``comove solve narrow.yaml`` with no compiled kernels and no font cache yet, once;
-- later runs: the same with both in place, a new process each, median;
-- the same of ``comove solve examples/baxter/gap_30.yaml``, where the scenes of the repository are there;
-- help: ``comove --help``, median.
+- first run: ``comove solve narrow.yaml`` with no compiled kernels and no font cache yet, once (`--first`);
+- later runs, each a new process with both in place: `solve`, with pictures and without, `verify`, `show`, `--help`,
+  and ``import comove`` with the first `solve` in Python;
+- solve of ``examples/baxter/gap_30.yaml``, where the scenes of the repository and robots are there.
 
-Wall time counts all from the start of the process to its end; processor time, of the process and of the one that
-helps it to compile, tells whether the machine was busy with something else. Caches lie in a temporary folder: those
-of the user are neither used nor changed.
+Wall time counts all from the start of the process to its end; processor time, of the process and of those that help
+it, tells whether the machine was busy with something else. Caches lie in temporary folders: those of the user are
+neither used nor changed.
 
-To repeat: ``pip install "comove[robot]"``, ``python benchmarks/start_up.py [--repeats 5] [--scene FILE]``.
+To repeat: ``pip install "comove[robot]"``, ``python benchmarks/start_up.py [--before SRC] [--repeats 5] [--first]``,
+where SRC is the folder `src` of another version.
 """
 
 from __future__ import annotations
@@ -20,61 +21,88 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median
 
 from timing import number, print_table
 
-COMOVE = (sys.executable, "-m", "comove")
+SRC = Path(__file__).parents[1] / "src"
+SCENE = "comove/examples/narrow.yaml"
 ROBOT_SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"
-HEADER = ("command", "runs", "wall median [s]", "wall max [s]", "processor median [s]", "times a later run")
+FROM_PYTHON = "import sys, comove; assert comove.solve(comove.Scene.load(sys.argv[1])).verified"
 
 
-def run(arguments: Sequence[str], environment: dict[str, str]) -> tuple[float, float]:
-    """Wall time and processor time of one command [s]; leaves with its message where it fails."""
+def measured(src: Path, folder: Path, words: list[str], *, alone: bool) -> tuple[float, float]:
+    """Processor time and wall time of Python with some words [s]; leaves with its message where it fails."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment |= {
+        "PYTHONPATH": str(src),
+        "NUMBA_CACHE_DIR": f"{folder}/kernels",
+        "MPLCONFIGDIR": f"{folder}/fonts",
+    }
+    if alone:  # what is compiled first must not be going on in the background while others are measured
+        environment["COMOVE_COMPILE_ALONE"] = "1"
     before, started = getrusage(RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run([*COMOVE, *arguments], env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, *words], env=environment, cwd=folder, capture_output=True, text=True
+    )
     wall, after = time.perf_counter() - started, getrusage(RUSAGE_CHILDREN)
     if done.returncode:
-        sys.exit(f"comove {' '.join(arguments)}: exit code {done.returncode}\n{done.stderr}")
-    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        sys.exit(f"{src}: {' '.join(words)}: exit code {done.returncode}\n{done.stderr}")
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
 
 
-def rows(verb: Sequence[str], scene: Path, repeats: int) -> list[list[str]]:
-    """Rows of the table for a command, run first and later."""
-    with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": f"{folder}/kernels", "MPLCONFIGDIR": f"{folder}/fonts"}
-        command = [*verb, str(scene), "--out", f"{folder}/result"]
-        first, *later = [run(command, environment) for _ in range(1 + repeats)]
-    name = f"`comove {' '.join(verb)} {scene.name}`"
-    return [row(f"{name}, first run", [first], later), row(f"{name}, later", later, later)]
-
-
-def row(
-    name: str, times: Sequence[tuple[float, float]], later: Sequence[tuple[float, float]] = ()
-) -> list[str]:
-    """One row of the table; how many times as long as a later run, where there is one."""
-    wall, processor = zip(*times, strict=True)
-    ratio = number(median(wall) / median(w for w, _ in later)) if later else ""
-    return [name, str(len(times)), number(median(wall)), number(max(wall)), number(median(processor)), ratio]
+def commands(src: Path, *, is_new: bool) -> dict[str, list[str]]:
+    """The words after `python`, by what they are called in the table."""
+    comove, scene = ["-m", "comove"], str(src / SCENE)
+    solve = [*comove, "solve", scene, "--out", "out"]
+    found = {
+        "comove solve narrow.yaml": solve,
+        "the same, --no-pictures": [*solve, "--no-pictures"] if is_new else [],
+        "comove verify": [*comove, "verify", "out"],
+        "comove show": [*comove, "show", "out"],
+        "comove --help": [*comove, "--help"],
+        "import comove, first solve": ["-c", FROM_PYTHON, scene],
+    }
+    if ROBOT_SCENE.is_file():
+        found["comove solve gap_30.yaml"] = [*comove, "solve", str(ROBOT_SCENE), "--out", "joints"]
+    return found
 
 
 def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--before", type=Path, help="folder src of another version")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--scene", type=Path, default=files("comove") / "examples" / "narrow.yaml")
-    parser.add_argument("--robot-scene", type=Path, default=ROBOT_SCENE)
+    parser.add_argument("--first", action="store_true", help="measure first runs alone")
     options = parser.parse_args()
 
-    table = rows(["solve"], Path(options.scene), options.repeats)
-    if options.robot_scene.is_file():
-        table += rows(["solve"], options.robot_scene, options.repeats)
-    asked = [run(["--help"], dict(os.environ)) for _ in range(options.repeats)]
-    print_table(HEADER, [*table, row("`comove --help`", asked)])
+    sources = [SRC, *([options.before.resolve()] if options.before else [])]
+    with tempfile.TemporaryDirectory() as place:
+        folders = [Path(place, str(i)) for i in range(len(sources))]
+        asked = [commands(src, is_new=src == SRC) for src in sources]
+        for folder in folders:
+            folder.mkdir()
+        rows = []
+        for name in asked[0]:
+            times: list[list[tuple[float, float]]] = [[] for _ in sources]
+            for repeat in range(1 if options.first else 1 + options.repeats):
+                for found, src, folder, of in zip(times, sources, folders, asked, strict=True):
+                    if of[name]:
+                        one = measured(src, folder, of[name], alone=not options.first and not repeat)
+                        found += [one] if options.first or repeat else []
+            rows.append([name, *(cell for found in times for cell in cells(found))])
+            if options.first:
+                break
+    header = ["command", "processor [s]", "wall [s]"]
+    header += ["processor, before [s]", "wall, before [s]"] if options.before else []
+    print_table(header, rows)
+
+
+def cells(times: list[tuple[float, float]]) -> list[str]:
+    """The medians of processor time and wall time."""
+    return [number(median(one)) for one in zip(*times, strict=True)] if times else ["-", "-"]
 
 
 if __name__ == "__main__":

@@ -2,31 +2,26 @@
 
 import warnings
 from contextlib import ExitStack, chdir
-from functools import cache, wraps
-from pathlib import Path
+from functools import cache
+from io import BytesIO
 from unittest import mock
 
 import typer.testing
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from comove.cli.app import whole_application
+from comove.view.figures import style
 
 typer.testing._get_command = cache(typer.testing._get_command)  # it is built anew for every command otherwise
 
 
-_print_png = FigureCanvasAgg.print_png
-
-
-@wraps(_print_png)  # matplotlib looks at the signature
-def _print_pixel(canvas, path, **options):
-    if not isinstance(path, str | Path):  # a stream, in which a page is made
-        return _print_png(canvas, path, **options)
-    said = PngInfo()
+def _pixel(figure, **_):
+    said, picture = PngInfo(), BytesIO()
     said.add_text("Software", "Matplotlib")  # by which a picture of a program is told from a photograph
-    return Image.new("L", (1, 1)).save(path, "PNG", pnginfo=said)
+    Image.new("L", (1, 1)).save(picture, "PNG", pnginfo=said)
+    return picture.getvalue()
 
 
 def invoke(*arguments, folder=".", pictures=False):
@@ -39,7 +34,7 @@ def invoke(*arguments, folder=".", pictures=False):
         if not pictures:
             for kind, name, instead in (
                 (ConstrainedLayoutEngine, "execute", lambda *_: None),
-                (FigureCanvasAgg, "print_png", _print_pixel),
+                (style, "png", _pixel),
             ):
                 patched.enter_context(mock.patch.object(kind, name, instead))
         return typer.testing.CliRunner().invoke(

@@ -6,9 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from comove.control.executor import Executor as FreeExecutor
-from comove.control.observers import Observer
-from comove.control.replanning import Pace
 from comove.errors import ExtraError, OptionError
 from comove.model.scene import Scene
 from comove.planning.arguments import check_scene
@@ -23,6 +20,8 @@ from comove.planning.solver import Demonstrated, perform, problem_of, solved
 from comove.verification.verify import Check
 
 if TYPE_CHECKING:
+    from comove.control import Executor as FreeExecutor
+    from comove.control import Observer
     from comove.robots import Robot, VerifiedJointMotion
     from comove.robots.online.executor import JointExecutor
     from comove.robots.present import Joints
@@ -228,6 +227,9 @@ def Executor(  # it is called as the classes are whose objects it returns
         If the robot cannot hold the payload at its start or goal, or no motion is found among what stands.
     """
     if (arms := robot_of(scene, robot)) is None:
+        from comove.control import Executor as FreeExecutor
+        from comove.control import Pace
+
         pace = Pace() if period is None else Pace(period=period)
         return FreeExecutor(scene, observer, seed=seed, pace=pace, demonstration=demonstration)
     from comove.robots.online.executor import JointExecutor, OnlineSettings

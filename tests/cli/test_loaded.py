@@ -1,4 +1,8 @@
-"""The verifier loads what judges alone: a fresh process runs `comove verify` and lists its modules of comove."""
+"""Commands load what they need: a fresh process runs one and lists its modules.
+
+The verifier loads what judges alone. What takes long to load, and what numba needs to compile, nobody waits for who
+has no use for it.
+"""
 
 import json
 import os
@@ -32,13 +36,12 @@ try:
     main()
 except SystemExit as leaving:
     code = leaving.code
-names = [name for name in sys.modules if name == "comove" or name.startswith("comove.")]
-print(json.dumps([code, names]), file=sys.stderr)
+print(json.dumps([code, list(sys.modules)]), file=sys.stderr)
 """
 
 
 def loaded(*arguments):
-    """The modules of comove that a command has loaded in a process of its own, which accepts what it verifies."""
+    """The modules that a command has loaded in a process of its own, which succeeds."""
     done = subprocess.run(
         [sys.executable, "-c", PROBE, *map(str, arguments)], capture_output=True, text=True, env=os.environ
     )
@@ -82,9 +85,32 @@ def robot_run(folder):
 
 @pytest.mark.parametrize("made", [hands, run, joints, simulation, robot_run])
 def test_the_verifier_loads_no_maker_of_motions(made, tmp_path):
-    rooms = {name.removeprefix("comove.") for name in loaded("verify", *made(tmp_path / "result"))}
+    named = loaded("verify", *made(tmp_path / "result"))
+    rooms = {name.removeprefix("comove.") for name in named if name.startswith("comove.")}
     assert not {name for name in rooms if name.startswith(MAKERS)}
     assert len(rooms) <= MOST
     knows = {name.partition(".")[0] for name in rooms} & {"robots", "sim"}
     expected = {joints: {"robots"}, simulation: {"robots", "sim"}, robot_run: {"robots", "sim"}}
     assert knows == expected.get(made, set())
+
+
+SLOW = ("scipy.linalg", "scipy.spatial", "matplotlib", "pinocchio", "PIL", "rich")
+COMPILING = ("numba.np.arrayobj", "numba.np.linalg", "numba.cpython.unicode", "numba.typed.typeddict", "cffi")
+
+
+def test_a_search_loads_neither_what_draws_nor_what_compiles(tmp_path):
+    """With everything compiled before; of formats it loads that of the demonstration alone."""
+    command = "solve", EXAMPLES / "narrow.yaml", "--out", tmp_path / "out", "--no-pictures"
+    loaded(*command)  # compiles where something is missing
+    names = loaded(*command)
+    assert not {name for name in names if name.startswith((*SLOW, *COMPILING))}
+    rooms = ("control", "optim", "lab", "sim", "robots", "ros", "data", "dmp.demonstrations.formats.rosbag")
+    assert not {name for name in names if name.startswith(tuple(f"comove.{room}" for room in rooms))}
+    for verb in ("show", "verify"):
+        names = loaded(verb, tmp_path / "out")
+        assert not {name for name in names if name.startswith((*SLOW, *COMPILING, "comove.planning"))}
+
+
+@pytest.mark.parametrize("words", [["--help"], ["solve", "--help"], ["--version"]])
+def test_help_loads_no_numbers(words):
+    assert not {"numpy", "numba", "comove.model"} & {*loaded(*words)}

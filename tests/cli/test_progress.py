@@ -2,22 +2,21 @@
 
 import io
 import re
+import time
+from types import SimpleNamespace
 
-import numba
 import pytest
 
-from comove.cli import progress
 from comove.cli.app import since_process_start
 from comove.cli.progress import ONCE, progress_bar, time_spent
+from comove.planning import warming
 from comove.planning.solution import Progress
 
 
-def compile_something():
-    def kernel(x):
-        return x + 1.0
-
-    kernel.__module__ = "comove.planning.some_kernels"
-    numba.njit(kernel)(1.0)
+def warm_up(progress):
+    """What a search does first where kernels are missing: it waits for others that compile them."""
+    with warming._displays[-1](SimpleNamespace(workers=2, share=0.5)):
+        time.sleep(progress)
 
 
 class Terminal(io.StringIO):
@@ -34,13 +33,11 @@ def terminal(monkeypatch):
     return screen
 
 
-def test_without_a_terminal_one_line_says_that_kernels_are_compiled(monkeypatch, capsys):
-    monkeypatch.setattr(progress._Line, "said", False)
-    for _ in range(2):
-        with progress_bar(30.0) as callback:
-            assert callback is None
-            compile_something()
-    assert capsys.readouterr().err.splitlines() == [f"{ONCE}: up to a minute that does not count"]
+def test_without_a_terminal_one_line_says_that_kernels_are_compiled(capsys):
+    with progress_bar(30.0) as callback:
+        assert callback is None
+        warm_up(0.0)
+    assert capsys.readouterr().err.splitlines() == [f"{ONCE}, on 2 cores: up to a minute that does not count"]
 
 
 def test_without_a_terminal_nothing_else_is_told(capsys):
@@ -50,17 +47,17 @@ def test_without_a_terminal_nothing_else_is_told(capsys):
 
 
 @pytest.mark.parametrize("budget", [30.0, None])
-def test_on_a_terminal_the_kernel_is_named_with_the_time(monkeypatch, budget):
+def test_on_a_terminal_a_bar_shows_the_share_and_the_time_left(monkeypatch, budget):
     screen = terminal(monkeypatch)
     with progress_bar(budget, "executing"):
-        compile_something()
-    assert re.search(rf"{ONCE} · kernel 1, planning.some_kernels.kernel .*0:00:0\d", screen.getvalue())
+        warm_up(0.5)
+    assert re.search(rf"{ONCE}, on 2 cores · about [01] s left .*0:00:0\d", screen.getvalue())
 
 
 def test_on_a_terminal_the_search_is_shown_with_its_own_time(monkeypatch):
     screen = terminal(monkeypatch)
     with progress_bar(30.0) as callback:
-        compile_something()
+        warm_up(0.0)
         after = len(screen.getvalue())
         callback(Progress("polishing", 7, 1.5, 0.25, 1.25, None))
     shown = screen.getvalue()[after:]
@@ -71,5 +68,5 @@ def test_on_a_terminal_the_search_is_shown_with_its_own_time(monkeypatch):
 def test_compiling_does_not_count():
     before = since_process_start() - time_spent()
     with progress_bar(30.0):
-        compile_something()
-    assert since_process_start() - time_spent() > before
+        warm_up(0.05)
+    assert since_process_start() - time_spent() > before + 0.04

@@ -173,9 +173,9 @@ def test_a_disk_that_is_full(place, disk):
 
 def test_a_disk_that_fills_up_while_a_result_is_written(tmp_path, disk, monkeypatch):
     (tmp_path / "scene.yaml").write_text(SCENE)
-    folder = disk("size=40k")
+    folder = disk("size=140k")
     monkeypatch.setattr("comove.io.folders.ROOM", 0)
-    outcome = invoke("solve", tmp_path / "scene.yaml", "--out", folder / "new", pictures=True)
+    outcome = invoke("solve", tmp_path / "scene.yaml", "--out", folder / "new")
     assert outcome.exit_code == 2
     assert "it cannot be written: the disk is full, 0." in outcome.stderr
     assert outcome.stderr.count("\n") == 1

@@ -1,18 +1,14 @@
 """What is compiled is told and counted; it costs nothing of a budget, and what is loaded from a cache is not told."""
 
-import os
-import signal
 import time
 
 import numba
 import numpy as np
-import pytest
 
-import comove.planning.compiling as compiling_room
 from comove.model import demonstration_of, load_coordinates
 from comove.planning import Comove, SceneKind, load_kernels, solve
 from comove.planning.clock import LEFT
-from comove.planning.compiling import ALONE, Compiled, compiling, meanwhile
+from comove.planning.compiling import Compiled, compiling
 from comove.planning.configurations import configuration_space
 from comove.planning.method import Method
 from comove.planning.methods import _planner
@@ -118,40 +114,3 @@ def test_time_stands_still_while_something_is_compiled():
         kernel()(np.float32(1.0))
         took = time.process_time() - begun
     assert 0 < compiled.seconds <= took
-
-
-def test_another_process_helps_as_soon_as_something_is_compiled(tmp_path, monkeypatch):
-    monkeypatch.delenv(ALONE, raising=False)
-    monkeypatch.setattr(compiling_room, "n_processors", lambda: 2)
-    with meanwhile(os.mkdir, path=str(tmp_path / "by the other")):
-        kernel()(1.0)
-    assert (tmp_path / "by the other").is_dir(), "it is waited for"
-
-
-@pytest.mark.parametrize("alone", [True, False])
-def test_no_other_process_is_started_without_need(tmp_path, monkeypatch, alone):
-    monkeypatch.setenv(ALONE, "1") if alone else monkeypatch.delenv(ALONE, raising=False)
-    monkeypatch.setattr(compiling_room, "n_processors", lambda: 2)
-    compiled = kernel()
-    compiled(1.0)
-    with meanwhile(os.mkdir, path=str(tmp_path / "by the other")):
-        (kernel() if alone else compiled)(1.0)
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_error_ends_the_other_process(tmp_path, monkeypatch):
-    monkeypatch.delenv(ALONE, raising=False)
-    monkeypatch.setattr(compiling_room, "n_processors", lambda: 2)
-    with pytest.raises(KeyError), meanwhile(signal.pause):  # which would never end by itself
-        kernel()(1.0)
-        raise KeyError
-
-
-def test_kernels_for_bars_know_nothing_of_solids_and_meshes():
-    """They are compiled in a fraction of the time."""
-    assert SceneKind.of(example("narrow")) == SceneKind(2)
-    assert SceneKind.of(example("window")) == SceneKind(3)
-    assert SceneKind.of(example("turning")) == SceneKind(2, moving=True)
-    space = configuration_space(example("window"), load_coordinates(example("window")))
-    assert space.around.solids is None
-    assert space.around.surfaces is None

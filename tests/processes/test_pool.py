@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from comove.errors import OptionError
-from comove.processes import run_tasks
+from comove.processes import Ahead, run_tasks
 from tests.killing import alive, soon
 from tests.processes import works
 
@@ -38,6 +38,18 @@ def test_processes_are_kept_and_have_one_thread_and_end():
     _, next_task = tasks([0])
     (ended,) = run_tasks(works.threads, next_task, workers=1)
     assert set(ended.made.values()) == {"1"}
+
+
+def test_a_process_that_is_started_ahead_works_on_one_task():
+    with Ahead(works.process_of) as ahead:
+        found = ahead.work_on(7)
+        assert alive(found.made) and found.made != os.getpid()
+    assert not alive(found.made)
+    with Ahead(works.failing) as ahead:
+        assert ahead.work_on(1).error == "ValueError: no idea"
+    with Ahead(works.kill) as ahead:
+        found = ahead.work_on(7)
+        assert found.killed and found.made is None
 
 
 def test_what_is_raised_is_told_and_the_process_goes_on():

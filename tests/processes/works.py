@@ -31,6 +31,15 @@ def failing(number):
     return number
 
 
+def kill(number):
+    if number is not None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def note(folder, name):
+    Path(folder, f"{name}.note").write_text(str(os.getpid()))
+
+
 def threads(number):
     return {name: os.environ[name] for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
 

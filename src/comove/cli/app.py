@@ -140,7 +140,7 @@ verb = verb_of(app)
 _running: list[typer.Context] = []
 
 
-NOT_AGAIN = frozenset({"out", "json", "workers", "dask"})
+NOT_AGAIN = frozenset({"out", "json", "no_pictures", "workers", "dask"})
 """Parameters on which no result depends: where it is written, what is printed, on how many processors it is made."""
 
 
@@ -234,6 +234,10 @@ def main() -> None:
     """Run the `comove` command; it always ends in one of the documented exit codes."""
     guard_streams()
     _unwind_when_ended()
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(
+            variable, "1"
+        )  # on small matrices threads wait for each other longer than they compute
     try:
         try:
             whole_application(*sys.argv[1:2])()

@@ -26,9 +26,12 @@ def demo(
     from comove.lab.paper.figures import draw_demo
     from comove.model import recording_of
     from comove.planning import LeastJerk, solve
+    from comove.planning.warming import require, unfinished
     from comove.results import RESULT
     from comove.view.figures import save_result
 
+    with progress_bar():
+        require(*unfinished())
     jobs = [(name, name, LeastJerk()) for name in EXAMPLES]
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))
     for folder, _, _ in jobs:

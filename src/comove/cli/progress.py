@@ -1,8 +1,9 @@
-"""Output on standard error during long work: a progress bar on terminals, and a note on compilation in any case."""
+"""Output on standard error during long work: a progress bar on terminals, and a note on the warm-up in any case."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,28 +13,32 @@ from comove.cli.app import since_process_start
 from comove.cli.streams import terminal
 
 ONCE = "compiling, once after installation"
+_waited = 0.0  # s, for warm-ups
 
 
 def time_spent() -> float:
-    """Return the time since this process began [s], without the time of compiling kernels."""
+    """Return the time since this process began [s], without the time of compiling and loading kernels."""
     from comove.compiled.counting import IN_ALL
 
-    return since_process_start() - IN_ALL.seconds
+    return since_process_start() - IN_ALL.seconds - _waited
 
 
 @contextmanager
 def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterator[Any]:
     """Yield a callback for `solve` that shows generation, cost, constraint and best so far; None without a terminal.
 
+    Where kernels must be compiled first, that is shown, and how long it will take.
+
     Parameters
     ----------
-    budget : length of the bar, processor time [s]; without it, a bar is shown only during compilation
+    budget : length of the bar, processor time [s]; without it, a bar is shown only during a warm-up
     doing : text shown before the first call of the callback
     """
     from comove.compiled.counting import IN_ALL, compiling
+    from comove.planning.warming import shown_by
 
     shown = _Bar(budget, doing) if sys.stderr.isatty() else _Line()
-    with compiling(shown.compiling, IN_ALL):
+    with compiling(compiled=IN_ALL), shown_by(shown.warming_up):
         try:
             yield shown.progress
         finally:
@@ -44,25 +49,29 @@ class _Line:
     """A line that says once that kernels are being compiled; the progress display without a terminal."""
 
     progress = None
-    said = False
 
-    def compiling(self, kernel: str) -> None:
-        if kernel and not _Line.said:
-            _Line.said = True
-            print(f"{ONCE}: up to a minute that does not count", file=sys.stderr, flush=True)
+    @contextmanager
+    def warming_up(self, state: Any) -> Iterator[None]:
+        print(
+            f"{ONCE}, on {state.workers} cores: up to a minute that does not count",
+            file=sys.stderr,
+            flush=True,
+        )
+        with _not_counted():
+            yield
 
     def close(self) -> None:
         """Do nothing, as there is nothing to remove."""
 
 
 class _Bar:
-    """A bar that shows the elapsed time and fills with the processor time; it begins anew after a compilation."""
+    """A bar that shows the elapsed time and fills with the processor time; it begins anew after a warm-up."""
 
     def __init__(self, budget: float | None, doing: str):
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self.budget, self.doing, self.kernels, self.begun = budget, doing, 0, time.process_time()
+        self.budget, self.doing, self.begun = budget, doing, time.process_time()
         columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
         console = Console(file=terminal(), force_terminal=True)
         self.bar = Progress(*columns, console=console, transient=True)
@@ -70,22 +79,44 @@ class _Bar:
         if budget is not None:
             self.bar.start()
 
-    def compiling(self, kernel: str) -> None:
-        if not kernel:
-            self.kernels, self.begun = 0, time.process_time()
+    @contextmanager
+    def warming_up(self, state: Any, pause: float = 0.2) -> Iterator[None]:
+        told, ended, begun = f"{ONCE}, on {state.workers} cores", threading.Event(), time.monotonic()
+
+        def follow() -> None:
+            while not ended.wait(pause):
+                share = state.share
+                left = (time.monotonic() - begun) * (1.0 / share - 1.0) if share > 0.0 else None
+                more = "" if left is None else f" · about {left:.0f} s left"
+                self.bar.update(self.task, completed=share, description=told + more)
+
+        self.bar.reset(self.task, total=1.0, description=told)
+        self.bar.start()
+        follower = threading.Thread(target=follow, daemon=True)
+        follower.start()
+        try:
+            with _not_counted():
+                yield
+        finally:
+            ended.set()
+            follower.join()
+            self.begun = time.process_time()
             if self.budget is None:
                 self.bar.stop()
             self.bar.reset(self.task, description=self.doing, total=self.budget)
-            return
-        self.kernels += 1
-        description = f"{ONCE} · kernel {self.kernels}, {kernel}"
-        if self.kernels == 1:
-            self.bar.reset(self.task, total=None, description=description)
-            self.bar.start()
-        self.bar.update(self.task, description=description)
 
     def progress(self, state: Any) -> None:
         self.bar.update(self.task, completed=time.process_time() - self.begun, description=state.words)
 
     def close(self) -> None:
         self.bar.stop()
+
+
+@contextmanager
+def _not_counted() -> Iterator[None]:
+    global _waited
+    begun = time.monotonic()
+    try:
+        yield
+    finally:
+        _waited += time.monotonic() - begun

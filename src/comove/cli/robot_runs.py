@@ -63,6 +63,7 @@ def run_joints(
     from comove.io.folders import check_target, whole_folder
     from comove.model.resting import require_no_rest
     from comove.planning import SceneKind
+    from comove.planning.warming import require
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
@@ -74,7 +75,7 @@ def run_joints(
     from comove.sim.pictures import FilmedRun
     from comove.sim.robot_runs import write_robot_run
     from comove.sim.settings import PLAN
-    from comove.view.figures import draw_joints, save
+    from comove.view.figures import Joints, draw_joints, save
 
     o.require_one_of(how.grasp, tuple(GRASPS), "grasp")
     if not LEAST_RATE <= how.rate <= LARGEST_RATE:
@@ -95,6 +96,7 @@ def run_joints(
     with progress_bar():
         require_no_rest(loaded.require_free_ends())
         load_robot_kernels(SceneKind.of(loaded))
+        require("robot executions")
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None
         if how.perturbed is not None:
@@ -105,7 +107,7 @@ def run_joints(
     with whole_folder(out, RESULT) as draft:
         failed = " (not as it should)" if report.reasons else ""
         title = f"{loaded.name}, {carrier.name}, online{failed}"
-        save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
+        save(draw_joints(Joints.of(carrier, record.motion), title=title), draft / "joints.png")
         summary = write_robot_run(
             draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
         )

@@ -92,7 +92,8 @@ def run(
     from comove.lab.modulation.pictures import animate_comparison, draw_comparison
     from comove.model import Scene, demonstration_of
     from comove.model.resting import require_no_rest
-    from comove.planning import Budget, SceneKind, load_kernels, solve
+    from comove.planning import Budget, SceneKind, solve
+    from comove.planning.warming import require
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.verification.record import verify_execution
@@ -133,7 +134,7 @@ def run(
         taught = demonstration_of(loaded)
         loaded = loaded.require_free_ends().in_one_way()
         require_no_rest(loaded)
-        load_kernels(SceneKind.of(loaded))
+        require(*SceneKind.of(loaded).jobs, "executions")
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))
             if planned.interrupted:

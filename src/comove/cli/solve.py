@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +12,8 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, refuse_robot_options, verb
-from comove.cli.texts import HANDS_ALONE, say
+from comove.cli.drawing import add_pictures, drawing_ahead
+from comove.cli.texts import HANDS_ALONE, in_rows, joints_text, pictures_row, say, summary_text
 from comove.errors import InputError, OptionError
 from comove.methods import METHODS, OF_ROBOTS
 
@@ -103,21 +106,11 @@ def solve(
     around: o.ApproachOptions,
     limits: o.SceneLimits,
     json: o.AsJson = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")] = False,
 ) -> int:
     """Find a verified motion for SCENE, and the joints of the robot that it names, save it and draw it."""
-    import comove
-    from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.texts import in_rows, joints_text, summary_text
-    from comove.dmp import ProMP
-    from comove.io.folders import check_target, whole_folder
-    from comove.model import Scene
-    from comove.planning import check_method, movements_of
-    from comove.results import RESULT
-
     o.require_one_of(method, tuple(METHODS), "method")
     o.check_budget(budget)
-    hard = obstacles is ObstacleMode.constraint
-    smooth = method == "comove" and not no_planner and hard
     if limits.duration is not None and objective == "least-time":
         raise OptionError(
             "a duration, and the least one",
@@ -128,91 +121,113 @@ def solve(
         raise OptionError(
             "a demonstration, and a library", key="--demonstration", way_out="give one of the two"
         )
-    check_target(out, RESULT)
-    with progress_bar():
-        loaded = Scene.load(scene, limits.changes, check_ends=False)
-    arms: Any = False  # none
-    source: str | Path | None = None
-    of_robot: dict[str, Any] = {}
-    if o.names_robot(loaded, robot, hands_alone):
-        _require_joints(robot or loaded.file.robot, method, no_planner, hard)
-        arms, source = o.robot_named(robot, loaded, scene)
-        of_robot = around.wanted(arms)
-    else:
-        refuse_robot_options(
-            "no robot's joints are looked at, which it needs",
-            "name a robot by --robot, without --hands-alone, or leave it out",
-        )
-    chosen = o.method_named(method)
-    wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
-    with progress_bar(budget) as progress:
-        part = chosen.scene_of(loaded)
-        check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
-        if arms:
-            o.require_carried(arms, loaded.alternatives[0], scene)
-        known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
-        movements, named = movements_of(taught, part), None
-        loaded.require_free_ends()
-        _load_kernels(loaded, bool(arms))
-        if known is not None and method == "single":
-            from comove.lab.compared import Single
+    with drawing_ahead(not no_pictures) as drawer:
+        import comove
+        from comove.cli.progress import progress_bar, time_spent
+        from comove.dmp import ProMP
+        from comove.io.folders import check_target, identity_of, whole_folder
+        from comove.model import Scene
+        from comove.planning import SceneKind, check_method, load_kernels, movements_of
+        from comove.results import RESULT
+        from comove.view.figures import Pictures, save_result
 
-            chosen = Single(movements=known)
-        elif known is not None:
-            named, taught = o.from_library(known, loaded, chosen, seed, budget)
-            movements = movements_of(taught, part)
-        try:
-            solution = comove.solve(
-                loaded,
-                robot=arms,
-                demonstration=taught if isinstance(taught, ProMP) else movements,
-                seed=seed,
-                method=None if arms and smooth else chosen,
-                planner=not no_planner,
-                budget=budget,
-                objective=wanted,
-                obstacles=obstacles.value,
-                effort=effort.value,
-                progress=progress,
-                **of_robot,
+        hard = obstacles is ObstacleMode.constraint
+        smooth = method == "comove" and not no_planner and hard
+        check_target(out, RESULT)
+        with progress_bar():
+            loaded = Scene.load(scene, limits.changes, check_ends=False)
+        arms: Any = False  # none
+        source: str | Path | None = None
+        of_robot: dict[str, Any] = {}
+        if o.names_robot(loaded, robot, hands_alone):
+            _require_joints(robot or loaded.file.robot, method, no_planner, hard)
+            arms, source = o.robot_named(robot, loaded, scene)
+            of_robot = around.wanted(arms)
+        else:
+            refuse_robot_options(
+                "no robot's joints are looked at, which it needs",
+                "name a robot by --robot, without --hands-alone, or leave it out",
             )
-        except InputError as error:
+        chosen = o.method_named(method)
+        wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
+        with progress_bar(budget) as progress:
+            part = chosen.scene_of(loaded)
+            check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
             if arms:
-                at_fault = around.present if error.key == "present" else scene
-                error.file = error.file or at_fault or scene
-            raise
-    from comove.view.figures import save_result
+                o.require_carried(arms, loaded.alternatives[0], scene)
+            known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
+            movements, named = movements_of(taught, part), ""
+            loaded.require_free_ends()
+            if known is not None and method == "single":
+                from comove.lab.compared import Single
 
-    with whole_folder(out, RESULT) as draft:
-        drawn = movements if arms or not smooth or solution.followed is not None else None
-        summary = save_result(
-            solution,
-            draft,
-            wall_time_s=time_spent(),
-            demonstration=drawn,
-            source=source,
-            command=command_words(),
-        )
+                chosen = Single(movements=known)
+            elif known is not None:
+                load_kernels(SceneKind.of(loaded))
+                named, taught = o.from_library(known, loaded, chosen, seed, budget)
+                movements = movements_of(taught, part)
+            try:
+                solution = comove.solve(
+                    loaded,
+                    robot=arms,
+                    demonstration=taught if isinstance(taught, ProMP) else movements,
+                    seed=seed,
+                    method=None if arms and smooth else chosen,
+                    planner=not no_planner,
+                    budget=budget,
+                    objective=wanted,
+                    obstacles=obstacles.value,
+                    effort=effort.value,
+                    progress=progress,
+                    **of_robot,
+                )
+            except InputError as error:
+                if arms:
+                    at_fault = around.present if error.key == "present" else scene
+                    error.file = error.file or at_fault or scene
+                raise
+        with whole_folder(out, RESULT) as draft:
+            summary = save_result(
+                solution,
+                draft,
+                wall_time_s=time_spent(),
+                source=source,
+                command=command_words(),
+                pictures=False,
+            )
+            identity = identity_of(draft)
+        if not json:
+            _say_solution(solution, summary, out, loaded, f"{named} of {library}" if named else "")
+        if not no_pictures:
+            drawn = movements if arms or not smooth or solution.followed is not None else None
+            add_pictures(Pictures.of(solution, drawn), out, identity, drawer)
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
-        return exit_code(solution)
-    is_alone = solution.joints is None and solution.verified and loaded.file.robot is not None
+    elif rows := in_rows(pictures_row(out, "motion", "progress", "joints")):
+        say(*rows)
+    return exit_code(solution)
+
+
+def _say_solution(
+    solution: Solution, summary: Mapping[str, Any], out: Path, asked: Scene, named: str
+) -> None:
+    """Print all that there is to say of a solution but where its pictures are."""
+    is_alone = solution.joints is None and solution.verified and asked.file.robot is not None
     print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
-    rows = [] if named is None else [("demonstration", f"{named} of {library}")]
-    if loaded.file.choices is not None:
+    rows = [("demonstration", named)] if named else []
+    if asked.file.choices is not None:
         from comove.model.files.upgrade import held_at
 
         held = (f"{name} at {at}" for name, at in held_at(solution.scene.file).items())
         rows += [("grasps taken", ", ".join(held))]
     if solution.joints is not None:
         print(joints_text(solution.joints.robot.name, vars(solution.joints.report)))
-        rows += [("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}")]
-        rows += _transfer_rows(solution.joints)
+        rows += [("joint motion", str(out / "joints.npz")), *_transfer_rows(solution.joints)]
     if rows:
         print(*in_rows(rows), sep="\n")
     for reason in () if solution.joints is None else solution.joints.without:
         say(f"  - {reason}")
-    return exit_code(solution)
+    sys.stdout.flush()
 
 
 def _require_joints(named: str | None, method: str, no_planner: bool, hard: bool) -> None:
@@ -232,18 +247,6 @@ def _require_joints(named: str | None, method: str, no_planner: bool, hard: bool
         )
 
 
-def _load_kernels(scene: Scene, of_robot: bool) -> None:
-    """Load the kernels that solve a scene, and meanwhile what pictures need."""
-    from comove.planning import SceneKind, load_kernels
-
-    if of_robot:
-        from comove.robots.kernels import load_robot_kernels
-
-        load_robot_kernels(SceneKind.of(scene), beside=load_views)
-    else:
-        load_kernels(SceneKind.of(scene), beside=load_views)
-
-
 def _transfer_rows(found: JointSolution) -> list[tuple[str, str]]:
     """Return in words which of approach and release were found, and how long they take."""
     planned, where = found.transfers, "home" if found.present is None else "the present joints"
@@ -253,11 +256,6 @@ def _transfer_rows(found: JointSolution) -> list[tuple[str, str]]:
     if planned is not None and planned.release is not None:
         rows.append(("release", f"{planned.release.duration:.2f} s, to home"))
     return [*rows, *([("missing", "what was asked for and not found:")] if found.without else [])]
-
-
-def load_views() -> None:
-    """Load what pictures of a result need, so that a search does not wait for it."""
-    from comove.view.figures import draw_joints, draw_motion  # noqa: F401
 
 
 def exit_code(solution: Solution) -> int:

@@ -111,9 +111,9 @@ def summary_text(
 
 
 def _weighted(summary: Mapping[str, Any], name: str) -> str:
-    from comove.planning import PaperCost
+    from comove.verification.measures import WEIGHTS
 
-    usual = vars(PaperCost()).get(name)
+    usual = WEIGHTS.get(name)
     weight = (summary.get("cost_weights") or {}).get(name, usual)
     return "" if weight == usual else f" (weight {number(weight)})"
 

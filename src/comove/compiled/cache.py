@@ -15,22 +15,38 @@ it takes from modules.
 from __future__ import annotations
 
 import hashlib
+import io
+import os
 import pickle
 import pkgutil
 import re
+import sys
 import warnings
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
+from importlib import import_module
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
-from numba.core import sigutils
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from llvmlite import binding as llvm
+from numba.core import event, sigutils
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler import compile_result
+from numba.core.environment import Environment
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]  # of C
 
 from comove.errors import ComoveWarning
 
+fcntl: ModuleType | None
+try:
+    fcntl = import_module("fcntl")
+except ImportError:  # no Unix
+    fcntl = None
+
+LOADING = "comove:load"  # a kind of events
 ADDRESS = re.compile(r"0x[0-9a-f]+")
 # known to numba's cache by its own version
 LIBRARIES = frozenset({"builtins", "llvmlite", "math", "numba", "numpy", "scipy"})
@@ -142,11 +158,115 @@ _MADE_BY = hashlib.sha256(b"".join(_MAKERS)).hexdigest()[:16]  # what another co
 _told = False
 
 
+class _Found(JITCodeLibrary):
+    """The library of a compiled function on disk: its machine code is loaded, its LLVM code only for its callers.
+
+    numba parses the LLVM code of every function that it loads, to list its symbols, which takes most of the time.
+
+    Parameters
+    ----------
+    machine_code, llvm_code : what `CodeLibrary.serialize_using_object_code` returns
+    symbols : names of the functions in it
+    """
+
+    def __init__(
+        self, codegen: Any, name: str, machine_code: bytes, llvm_code: bytes, symbols: frozenset[str]
+    ):
+        CodeLibrary.__init__(self, codegen, name)  # without an empty module, which is slow to make
+        self._llvm_code, self._symbols, self._shared_module = llvm_code, symbols, None
+        self._finalized = self._disable_inspection = True
+        codegen._engine._ee.add_object_file(llvm.ObjectFileRef.from_data(machine_code))
+        codegen._engine.finalize_object()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return where a function begins; 0 if it is not in the library."""
+        return self._codegen._engine.get_function_address(name) if name in self._symbols else 0
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None:
+            self._shared_module = llvm.parse_bitcode(self._llvm_code)
+        return self._shared_module
+
+
+@cache
+def _offer_runtime() -> None:
+    """Let compiled functions find what allocates and frees their arrays, as numba does before it compiles any."""
+    for name, address in _nrt_python.c_helpers.items():
+        llvm.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+class _Reader(pickle.Unpickler):
+    """Reads what numba has written, without the modules of what became part of compiled functions."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        return _environment if name == "_rebuild_env" else super().find_class(module, name)
+
+
+def _environment(module: str, constants: Any, name: str) -> Environment:
+    """Return the constants of a function in machine code; only what runs in Python would need its module."""
+    found = Environment._memo.get(name)
+    if found is None:
+        found = Environment(vars(sys.modules[module]) if module in sys.modules else {"__name__": module})
+        found.consts[:], found.env_name = constants, name
+        Environment._memo[name] = found
+    return found
+
+
+_given: dict[str, Environment] = {}  # what machine code points to, by name: it stays as long as the process
+
+
+class _Stored(CompileResultCacheImpl):
+    """What is kept of a compiled function: what numba keeps, and the names of the functions in its code."""
+
+    def reduce(self, cres: Any) -> Any:
+        module = cres.library._final_module
+        symbols = frozenset(function.name for function in module.functions if not function.is_declaration)
+        return symbols, cres._reduce()
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        symbols, (code, description, environment, signature, in_objects, lifted, notes, reload, others) = (
+            payload
+        )
+        for one in reload:
+            one()
+        name, _, (machine_code, llvm_code) = code
+        library = _Found(target_context.codegen(), name, machine_code, llvm_code, symbols)
+        library._reload_init.update(reload)  # numba passes it on to callers from what was compiled alone
+        found = compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            entry_point=target_context.get_executable(library, description, environment),
+            type_annotation=notes,
+            signature=signature,
+            library=library,
+            environment=environment,
+            fndesc=description,
+            objectmode=in_objects,
+            lifted=lifted,
+            reload_init=reload,
+            referenced_envs=others,
+        )
+        for one in others:
+            if _given.get(one.env_name) is not one:
+                _given[one.env_name] = one
+                library.codegen.set_env(one.env_name, one)
+        return found
+
+
+@cache
+def _lock_file(folder: str) -> int:
+    """Return the open file whose bytes are locked; to close it would give all of them free."""
+    return os.open(os.path.join(folder, "comove_kernels.lock"), os.O_RDWR | os.O_CREAT, 0o666)
+
+
 class KernelCache(FunctionCache):
     """Compiled functions on disk; what cannot be read or written counts as missing."""
 
+    _impl_class = _Stored
+
     def __init__(self, py_func: Callable, role: str):
         self._role = role
+        self._turns: list[tuple[int, int]] = []
         try:
             super().__init__(py_func)
         except RuntimeError:  # no folder can be written
@@ -163,16 +283,53 @@ class KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return a function compiled before, or None.
 
-        Whoever takes up its code must load before it what that code calls. numba passes this on from what it has
-        compiled, but not from what it has loaded.
+        All that numba knows of types and functions is loaded, which is slow, only where something must be compiled.
         """
+        _offer_runtime()
+        found = self._found(sig, target_context)
+        if found is None and self._begin_turn(sig, target_context):
+            found = self._found(sig, target_context)
+        if found is None:
+            target_context.refresh()
+        return found
+
+    def _found(self, sig: Any, target_context: Any) -> Any:
         try:
-            found = super().load_overload(sig, target_context)
+            with event.trigger_event(LOADING):
+                return self._load_overload(sig, target_context)
         except Exception:  # of another version of LLVM, or whatever else does not fit
             return None
-        if found is not None:
-            found.library._reload_init.update(found.reload_init)
-        return found
+
+    def _begin_turn(self, sig: Any, target_context: Any) -> bool:
+        """Wait until no other process compiles the function, which it may be waited for to save; return whether.
+
+        A byte of a file is locked, which the system gives free when a process dies. Where there are no such locks,
+        two processes may compile the same.
+        """
+        if fcntl is None or not self._enabled:
+            return False
+        try:
+            self._impl.locator.ensure_cache_path()
+            file = _lock_file(self._cache_path)
+            key = hashlib.sha256(text_of(self._index_key(sig, target_context.codegen())).encode()).digest()
+            byte = int.from_bytes(key[:4], "big")
+            fcntl.lockf(file, fcntl.LOCK_EX, 1, byte)
+        except OSError:
+            return False
+        self._turns.append((file, byte))
+        return True
+
+    @contextmanager
+    def turns(self) -> Iterator[None]:
+        """Let other processes compile in the end what was to be compiled in this context."""
+        before = len(self._turns)
+        try:
+            yield
+        finally:
+            while len(self._turns) > before:
+                file, byte = self._turns.pop()
+                with suppress(OSError):
+                    fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)  # type: ignore[union-attr]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled function."""
@@ -193,7 +350,7 @@ class _Sealed(IndexDataCacheFile):
         try:
             with open(self._data_path(name or ""), "rb") as stored:
                 seal, data = stored.read(32), stored.read()
-            return pickle.loads(data) if seal == _seal(signature, data) else None
+            return _Reader(io.BytesIO(data)).load() if seal == _seal(signature, data) else None
         except OSError:
             return None
 

@@ -1,4 +1,4 @@
-"""Counts of the kernels that are compiled in a context, and how long it takes."""
+"""Counts of the kernels that are compiled in a context, and how long it takes to compile and to load them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from numba.core import event
-from numba.core.dispatcher import LiftedCode
+
+from comove.compiled.cache import LOADING
 
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]
@@ -22,7 +23,7 @@ class Compiled:
     Attributes
     ----------
     kernels : number of kernels
-    seconds : time that it took [s]
+    seconds : time that it took, and that it took to load others from the cache [s]
     """
 
     kernels: int = 0
@@ -37,41 +38,35 @@ class _Listener(event.Listener):
 
     def __init__(self, compiled: Compiled, tell: KernelCallback | None, clock: Clock):
         self.compiled, self.tell, self.clock = compiled, tell, clock
-        self._depth, self._begun = 0, 0.0
+        self._depth, self._begun, self._told = 0, 0.0, False
 
     def on_start(self, event: event.Event) -> None:
-        if not _counts(event):
-            return
         if self._depth == 0:
-            self._begun = self.clock()
+            self._begun, self._told = self.clock(), False
         self._depth += 1
+        if event.kind == LOADING:
+            return
         function = event.data["dispatcher"].py_func
         if not function.__module__.startswith(PACKAGE):
             return  # what Numba makes for our kernels
         self.compiled.kernels += 1
         if self.tell is not None:
+            self._told = True
             self.tell(f"{function.__module__.removeprefix(PACKAGE)}.{function.__name__}")
 
     def on_end(self, event: event.Event) -> None:
-        if not _counts(event):
-            return
         self._depth -= 1
         if self._depth == 0:
             self.compiled.seconds += self.clock() - self._begun
-            if self.tell is not None:
+            if self.tell is not None and self._told:
                 self.tell("")
-
-
-def _counts(event: event.Event) -> bool:
-    """Return whether an event counts; code lifted out of a kernel, never cached and fast, does not."""
-    return not isinstance(event.data["dispatcher"], LiftedCode)
 
 
 @contextmanager
 def compiling(
     tell: KernelCallback | None = None, compiled: Compiled | None = None, clock: Clock = time.perf_counter
 ) -> Iterator[Compiled]:
-    """Count the kernels that are compiled in this context; kernels loaded from the cache do not count.
+    """Count the kernels that are compiled in this context, and the time that it takes, and takes to load others.
 
     Parameters
     ----------
@@ -81,5 +76,6 @@ def compiling(
     clock : function that returns the time [s]
     """
     compiled = Compiled() if compiled is None else compiled
-    with event.install_listener("numba:compile", _Listener(compiled, tell, clock)):
+    listener = _Listener(compiled, tell, clock)
+    with event.install_listener("numba:compile", listener), event.install_listener(LOADING, listener):
         yield compiled

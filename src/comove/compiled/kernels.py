@@ -22,13 +22,13 @@ from importlib import import_module
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import config, sigutils
+from numba.core import config, event, sigutils
 from numba.core.environment import Environment
 from numba.core.itanium_mangler import mangle
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
-from comove.compiled.cache import KernelCache, text_of
+from comove.compiled.cache import LOADING, KernelCache, text_of
 
 LARGE = 1000  # lines of LLVM, of kernels that are called where they lie
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
@@ -54,9 +54,7 @@ def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any
     if config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba fills it from the environment
         return function
     fixed = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": counted}
-    made = Kernel(function, targetoptions={**options, **fixed})
-    made.enable_caching()
-    return made
+    return Kernel(function, targetoptions={**options, **fixed})
 
 
 class Kernel(CPUDispatcher):
@@ -64,6 +62,8 @@ class Kernel(CPUDispatcher):
 
     _compiler: Any  # numba's, without types
     targetctx: Any
+
+    _kept: KernelCache | None
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
@@ -85,21 +85,34 @@ class Kernel(CPUDispatcher):
         module, name = self._names
         return getattr(sys.modules.get(module), name, None) is self
 
+    def _compilation_chain_init_hook(self) -> None:
+        """Load no extensions of numba before one must compile; that is when `KernelCache` finds nothing."""
+
+    def _compile_for_args(self, *args: Any, **more: Any) -> Any:
+        """Return the function for arguments, of which numba's types take long to find where many are nested."""
+        with event.trigger_event(LOADING):
+            return super()._compile_for_args(*args, **more)  # type: ignore[misc]  # of C
+
     def compile(self, sig: Any) -> Any:
         """Return the function for types of arguments, compiled now or before."""
-        with _uncollected():
+        with _uncollected(), self._cache.turns():
             return super().compile(sig)
 
-    def enable_caching(self) -> None:
-        """Keep what is compiled on disk."""
-        self._cache = KernelCache(self.py_func, "entry")
+    @property
+    def _cache(self) -> KernelCache:
+        """Return the cache on disk, which is looked for when the kernel is called first."""
+        if self._kept is None:
+            self._kept = KernelCache(self.py_func, "entry")
+        return self._kept
+
+    @_cache.setter
+    def _cache(self, _: Any) -> None:
+        self._kept = None
 
     @cached_property
     def callee(self) -> Any:
         """Return what other kernels call, numba's dispatcher of the function without an entry."""
-        made: Any = CPUDispatcher(
-            self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True}
-        )
+        made = _Callee(self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True})
         made._cache = KernelCache(self.py_func, "callee")
         return made
 
@@ -160,6 +173,17 @@ class Kernel(CPUDispatcher):
             reload_init=[reload],
             metadata={},
         )
+
+
+class _Callee(CPUDispatcher):
+    """What other kernels call."""
+
+    _cache: KernelCache
+
+    def compile(self, sig: Any) -> Any:
+        """Return the function for types of arguments, compiled now or before."""
+        with self._cache.turns():
+            return super().compile(sig)
 
 
 @contextmanager

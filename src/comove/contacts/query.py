@@ -103,8 +103,6 @@ def least_distance(around, moved, instant, nodes, query, cap, floor):
 @kernel
 def _large_distance(around, moved, instant, nodes, query, part, thing, cutoff):
     """Return the distance [m] of a part from a thing, one of which is a solid or a mesh."""
-    if around.solids is None and around.surfaces is None:
-        return cutoff
     row, radius, points = (
         whose(around, thing)[0],
         radius_of(around, part),
@@ -225,8 +223,6 @@ def normal_at(around, part, thing, row, near, normal):
 
 @kernel
 def _solid_distance(solids, table, row, points, cutoff, normal):
-    if solids is None:
-        return cutoff
     solid = empty_solid(solids)
     solid_at(points, np.arange(points.shape[0]), solid)
     return solid_distance(table, row, solid, cutoff, normal)[0]
@@ -234,15 +230,11 @@ def _solid_distance(solids, table, row, points, cutoff, normal):
 
 @kernel
 def _mesh_distance(surfaces, mesh, points, cutoff):
-    if surfaces is None:
-        return cutoff
     return signed_distance(surfaces, mesh, points, cutoff)
 
 
 @kernel(counted=False)
 def _from_box_of_mesh(surfaces, mesh, x, y, z):
-    if surfaces is None:
-        return np.inf
     root = surfaces.root[mesh]
     low, high = surfaces.lower[root], surfaces.upper[root]
     x = max(low[0] - x, x - high[0], 0.0)
@@ -253,15 +245,11 @@ def _from_box_of_mesh(surfaces, mesh, x, y, z):
 
 @kernel
 def _near_mesh(surfaces, mesh, points, cutoff, near, normal):
-    if surfaces is None:
-        return cutoff
     return near_on_surface(surfaces, mesh, points, cutoff, -np.inf, near, normal)
 
 
 @kernel
 def _near_solid(solids, table, row, points, cutoff, near):
-    if solids is None:
-        return cutoff
     solid = empty_solid(solids)
     solid_at(points, np.arange(solids.shape[1]), solid)
     distance = near_on_hull(table, row, solid, cutoff, near)
@@ -272,6 +260,4 @@ def _near_solid(solids, table, row, points, cutoff, near):
 
 @kernel
 def _away_from_solid(solids, table, row, near, normal):
-    if solids is None:
-        return
     _, normal[0], normal[1], normal[2] = solid_gradient(table, row, near[0], near[1], near[2])

@@ -12,8 +12,7 @@ import numpy as np
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
-from comove.geometry.solids import count_solids, solids_or_none
-from comove.geometry.surfaces import Surfaces, surfaces_or_none
+from comove.geometry.surfaces import Surfaces
 from comove.model.scene import Scene
 
 
@@ -23,25 +22,25 @@ class Surroundings(NamedTuple):
     Attributes
     ----------
     edges, radii : arrays, shapes (n_rods, 2) and (n_rods,), corners and radii [m] of rods
-    solids : array of int, shape (n_solids, n), corners of solids; None where there are none
+    solids : array of int, shape (n_solids, n), corners of solids
     thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
         solid alone; -1 for nodes of neither
     obstacles : array, shape (n_rows, n_columns), table of obstacles at 0 s
     owners : array of int, shape (n_rows,), obstacle to which each row of the table belongs
     convex : array of int, rows that are obstacles themselves; the other rows belong to meshes and guide the sampling
-    surfaces : meshes; None where there is none
+    surfaces : meshes
     lower, upper : arrays, shape (3,), corners of the workspace [m]
     pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
     """
 
     edges: Integers
     radii: Array
-    solids: Integers | None
+    solids: Integers
     thickness: Array
     obstacles: Array
     owners: Integers
     convex: Integers
-    surfaces: Surfaces | None
+    surfaces: Surfaces
     lower: Array
     upper: Array
     pairs: Integers
@@ -50,7 +49,7 @@ class Surroundings(NamedTuple):
     @property
     def n_things(self) -> int:
         """Return the number of things."""
-        return len(self.convex) + (0 if self.surfaces is None else len(self.surfaces.root))
+        return len(self.convex) + len(self.surfaces.root)
 
 
 def surroundings_of(scene: Scene) -> Surroundings:
@@ -61,12 +60,12 @@ def surroundings_of(scene: Scene) -> Surroundings:
     return Surroundings(
         body.edges,
         body.radii,
-        solids_or_none(body.solids),
+        body.solids,
         thickness,
         scene.obstacles,
         np.asarray(scene.owners),
         np.flatnonzero(scene.convex_rows),
-        surfaces_or_none(scene.surfaces),
+        scene.surfaces,
         *scene.workspace,
         *scene.kept_apart,
     )
@@ -75,7 +74,7 @@ def surroundings_of(scene: Scene) -> Surroundings:
 @kernel(counted=False)
 def count_parts(around):
     """Return the number of parts."""
-    return around.edges.shape[0] + count_solids(around.solids)
+    return around.edges.shape[0] + around.solids.shape[0]
 
 
 @kernel(counted=False)
@@ -88,22 +87,13 @@ def count_corners(around, part):
 def corner_of(around, part, i):
     """Return the node at a corner of a part: a rod, or a solid, which are numbered next."""
     n_rods = around.edges.shape[0]
-    return around.edges[part, i] if part < n_rods else _corner_of_solid(around.solids, part - n_rods, i)
-
-
-@kernel(counted=False)
-def _corner_of_solid(solids, solid, i):
-    if solids is None:
-        return -1
-    return solids[solid, i]
+    return around.edges[part, i] if part < n_rods else around.solids[part - n_rods, i]
 
 
 @kernel(counted=False)
 def most_corners(solids):
     """Return the largest number of corners of a part."""
-    if solids is None:
-        return 2
-    return solids.shape[1]
+    return max(2, solids.shape[1])
 
 
 @kernel(counted=False)
@@ -118,14 +108,8 @@ def whose(around, thing):
     n_rows = around.convex.shape[0]
     if thing < n_rows:
         return around.convex[thing], around.owners[around.convex[thing]]
-    return _whose_mesh(around.surfaces, thing - n_rows)
-
-
-@kernel(counted=False)
-def _whose_mesh(surfaces, mesh):
-    if surfaces is None:
-        return -1, -1
-    return surfaces.row[mesh], surfaces.owner[mesh]
+    mesh = thing - n_rows
+    return around.surfaces.row[mesh], around.surfaces.owner[mesh]
 
 
 @kernel(counted=False)

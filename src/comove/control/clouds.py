@@ -11,7 +11,6 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 
 from comove.arrays import Array
 from comove.compiled import kernel
@@ -283,6 +282,8 @@ def _of_body(points: Array, nodes: Array, body: MovingBody, near: float) -> NDAr
         if (
             len(corners) != N_CORNERS
         ):  # a hull: beyond its edges a little more than is within the distance counts
+            from scipy.spatial import ConvexHull  # slow to import
+
             planes = ConvexHull(nodes[np.unique(corners)], qhull_options="QJ").equations
             found |= (points @ planes[:, :3].T + planes[:, 3] <= near).all(axis=1)
             continue

@@ -110,7 +110,6 @@ class MotionBasis:
         )
 
 
-@lru_cache(maxsize=32)
 def motion_basis(
     n_basis: int,
     metric: Metric = "velocity",
@@ -143,9 +142,16 @@ def motion_basis(
         If `n_basis` is not between 1 and 200, or the metric of jerk is combined with another phase, other kernels
         or a fading goal.
     """
+    return _motion_basis(n_basis, metric, phase or LinearPhase(), kernels, fading_goal)
+
+
+@lru_cache(maxsize=32)
+def _motion_basis(
+    n_basis: int, metric: Metric, phase: Phase, kernels: Kernels, fading_goal: bool
+) -> MotionBasis:
     if not 1 <= n_basis <= MAX_BASIS:
         raise ValueError(f"n_basis = {n_basis}: give 1 to {MAX_BASIS} shape weights")
-    smooth, phase = metric == "jerk", phase or LinearPhase()
+    smooth = metric == "jerk"
     if smooth and (phase != LinearPhase() or kernels is not gaussians or fading_goal):
         raise ValueError("the metric of jerk has a linear phase, splines for its forcing, and no fading goal")
     psi = _splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
@@ -236,19 +242,44 @@ def _splines(n_inner: int) -> Array:
     -------
     array, shape (n_knots, n_inner + 6)
     """
-    from scipy.interpolate import BSpline  # a quarter of a second, which only smooth motions need
-
     degree, s = 5, np.linspace(0.0, 1.0, N_INTERVALS + 1)
     breaks = np.linspace(0.0, 1.0, n_inner + 2)
     places = np.concatenate([np.zeros(degree), breaks, np.ones(degree)])
-    inner = BSpline(places, np.eye(n_inner + 6)[:, 3:-3], degree)
     orders = np.arange(6)
     at_start, at_end = np.diag([1.0, 1, 2, 0, 0, 0])[:3], np.stack([orders**0, orders, orders * (orders - 1)])
     ends = np.linalg.inv(np.concatenate([at_start, at_end]))
     motions = [
-        np.concatenate([inner(s, order), polyval(s, polyder(ends, order)).T], axis=1) for order in range(3)
+        np.concatenate(
+            [_b_splines(places, degree, s, order)[:, 3:-3], polyval(s, polyder(ends, order)).T], axis=1
+        )
+        for order in range(3)
     ]
     return motions[2] + 2 * OMEGA * motions[1] + OMEGA**2 * motions[0]
+
+
+def _b_splines(knots: Array, degree: int, s: Array, order: int = 0) -> Array:
+    """Compute derivatives of all B-splines on knots that are repeated at both ends (de Boor, 1978, chapter X).
+
+    Parameters
+    ----------
+    knots : array, shape (n_functions + degree + 1,)
+    s : array, shape (n_points,), between the first and the last knot
+    order : of the derivative
+
+    Returns
+    -------
+    array, shape (n_points, n_functions)
+    """
+    if degree == 0:
+        cell = np.clip(np.searchsorted(knots, s, "right") - 1, 0, np.flatnonzero(np.diff(knots))[-1])
+        return (cell[:, None] == np.arange(len(knots) - 1)).astype(float)
+    width = knots[degree:] - knots[:-degree]
+    share = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
+    lower = _b_splines(knots, degree - 1, s, max(order - 1, 0)) * share
+    if order > 0:
+        return degree * (lower[:, :-1] - lower[:, 1:])
+    at, n = s[:, None], -degree - 1
+    return (at - knots[:n]) * lower[:, :-1] + (knots[degree + 1 :] - at) * lower[:, 1:]
 
 
 @lru_cache(maxsize=32)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from comove.dmp.demonstrations import Demonstration
-from comove.dmp.demonstrations.formats import is_format, lasa
+from comove.dmp.demonstrations import Demonstration, formats
 from comove.dmp.demonstrations.plausibility import doubts
 from comove.dmp.demonstrations.samples import fault
 from comove.dmp.files import Primitive, checksum
@@ -82,7 +81,7 @@ def is_several(named: str) -> bool:
         return named.endswith(ALL)
     path = Path(named)
     try:
-        return path.is_dir() and not is_format(path)
+        return path.is_dir() and not formats.is_format(path)
     except (OSError, ValueError):
         return False
 
@@ -116,9 +115,9 @@ def _spelt_out(names: Sequence[str]) -> list[str]:
     spelt: list[str] = []
     for named in names:
         if named.startswith(LASA) and named.endswith(ALL):
-            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(lasa.N_DEMOS)]
+            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(formats.lasa.N_DEMOS)]
         elif is_several(named):
-            inner = sorted(p for p in Path(named).iterdir() if p.name[0] != "." and is_format(p))
+            inner = sorted(p for p in Path(named).iterdir() if p.name[0] != "." and formats.is_format(p))
             if not inner:
                 raise DemonstrationError(
                     "it holds no recordings", file=named, way_out="put recordings there, such as .csv or .npz"

@@ -20,7 +20,6 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.distances import (
@@ -49,22 +48,6 @@ N_CORNERS = 8
 BOX_ROWS = 4
 TOLERANCE = 1e-8  # m, of the least distance along an edge; the gap there is about as near to the distance
 TOUCHING = 1e-9  # m, nearest points closer than this count as an overlap
-
-
-def solids_or_none(solids: NDArray[np.int64]) -> NDArray[np.int64] | None:
-    """Return the solids of a body, None where it has none.
-
-    Kernels that take None are compiled without everything that solids need: in a fraction of the time.
-    """
-    return solids if len(solids) else None
-
-
-@kernel
-def count_solids(solids):
-    """Return the number of solids, 0 for None."""
-    if solids is None:
-        return 0
-    return solids.shape[0]
 
 
 @kernel

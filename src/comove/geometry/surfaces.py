@@ -99,14 +99,6 @@ class Surfaces(NamedTuple):
         )
 
 
-def surfaces_or_none(surfaces: Surfaces) -> Surfaces | None:
-    """Return the meshes of a scene, None where it has none.
-
-    Kernels that take None are compiled without everything that meshes need: in a fraction of the time.
-    """
-    return surfaces if len(surfaces.root) else None
-
-
 @dataclass(frozen=True, eq=False)
 class Parts:
     """The triangles of a mesh, sorted by the solids and sheets that they form.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,6 +82,31 @@ def whole_folder(folder: str | Path, contents: Contents) -> Iterator[Path]:
         for parent in made:
             with suppress(OSError):
                 parent.rmdir()
+
+
+def identity_of(folder: Path) -> int:
+    """Return a number by which a folder is known under any name, as long as it is there."""
+    return folder.stat().st_ino
+
+
+def add_files(folder: str | Path, files: Mapping[str, bytes], identity: int) -> None:
+    """Write files into a folder, each as a whole; none where another folder is in its place by now.
+
+    Parameters
+    ----------
+    identity : of the folder, as of `identity_of`
+
+    Raises
+    ------
+    ResultError
+        If they cannot be written.
+    """
+    folder = _resolved(folder, ResultError)
+    with telling(folder, "written", ResultError), drafts.draft(folder) as draft:
+        for name, data in files.items():
+            (draft / name).write_bytes(data)
+        for name in files if identity_of(folder) == identity else ():
+            (draft / name).replace(folder / name)
 
 
 def require_folder(folder: str | Path, made_by: str) -> Path:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from comove.arrays import Array
 from comove.geometry.rotations import matrices
@@ -113,6 +112,8 @@ class FreeGoal:
         self, cost: Callable[[float], float], angle: float, value: float, step: float
     ) -> tuple[float, float]:
         """Return the least cost within a step of a turn, where it is clear, and the turn [rad]."""
+        from scipy.optimize import minimize_scalar  # slow to import, and only free goals need it
+
         low = minimize_scalar(
             lambda x: min(cost(x), 1e6),
             bounds=(angle - step, angle + step),

@@ -8,13 +8,13 @@ from math import asin, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array, first_largest
 from comove.errors import SceneError
 from comove.geometry.rotations import (
     UP,
     levelling,
+    logarithm,
     matrices,
     quaternion_of_rotation,
     rotation_in_plane,
@@ -365,11 +365,11 @@ class _Body:
 
     def _require_turn(self, missed: Array, turned: Array, keeping: list[PoseConstraint]) -> None:
         """Refuse a goal that is turned, by the quaternion `turned` from the start, as constraints do not allow."""
-        off = float(np.linalg.norm(Rotation.from_matrix(missed).as_rotvec()))
+        off = float(np.linalg.norm(logarithm(quaternion_of_rotation(missed))))
         allowed = min((c.tolerance for c in keeping), default=0.0) + TILT_ROUNDING
         if off <= allowed:
             return
-        axis = Rotation.from_quat(turned, scalar_first=True).as_rotvec()
+        axis = logarithm(turned)
         about = (axis / np.linalg.norm(axis)).round(4) + 0.0
         told = f"the goal turns the payload by {degrees(np.linalg.norm(axis)):.3g} deg about {about.tolist()}"
         left_out = f"{degrees(off):.3g} deg of it out (tolerance {degrees(allowed):.3g} deg)"

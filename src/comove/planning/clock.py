@@ -11,11 +11,15 @@ search. Until then the clock does not change any result.
 
 from __future__ import annotations
 
+import ctypes
 import time
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import methodcaller
 
-import numba
+import llvmlite.binding as llvm
 import numpy as np
+from numba import types
 
 from comove.arrays import Array
 from comove.compiled import kernel
@@ -87,6 +91,13 @@ class Budget:
         )
 
 
+# Kernels call it by its symbol. It runs no bytecode, in which Python would handle Ctrl-C and lose what that raises.
+_reading = ctypes.CFUNCTYPE(ctypes.c_double)(partial(methodcaller("process_time"), time))
+_SYMBOL = "comove.processor_time"
+llvm.add_symbol(_SYMBOL, ctypes.cast(_reading, ctypes.c_void_p).value)
+_processor_time = types.ExternalFunction(_SYMBOL, types.float64())
+
+
 def clock_until(deadline: float = np.inf, work: float = np.inf) -> Array:
     """Return a clock that expires at `deadline`, a time of `now` [s], or after so many computed distances."""
     clock = np.zeros(6)
@@ -108,10 +119,8 @@ def worked(clock, work):
     if clock[WORK] > clock[MOST]:
         clock[UP] = 1.0
     if clock[LEFT] < 0.0:
-        with numba.objmode(at="float64"):
-            at = now()
         clock[LEFT] = STRIDE
         clock[LOOKS] += 1.0
-        if at > clock[DEADLINE]:
+        if _processor_time() > clock[DEADLINE]:
             clock[UP] = 1.0
     return clock[UP] > 0.0

@@ -22,7 +22,6 @@ from comove.contacts.displaced import RESTING, instant_at
 from comove.contacts.query import Query, least_distance, separating
 from comove.contacts.surroundings import Surroundings, from_border, surroundings_of
 from comove.geometry.distances import point_distance
-from comove.geometry.solids import count_solids
 from comove.geometry.surfaces import count_meshes
 from comove.model.blocks import keep_mask, lean, place_one
 from comove.model.coordinates import (
@@ -168,7 +167,7 @@ def clearance_in_time(space, timing, node, nodes, floor):
 @kernel(counted=False)
 def _clearance_at(space, moved, instant, q, nodes, floor):
     around = space.around
-    bodies = around.edges.shape[0] + count_solids(around.solids) * SOLID_WORK
+    bodies = around.edges.shape[0] + around.solids.shape[0] * SOLID_WORK
     obstacles = around.convex.shape[0] + MESH_WORK * count_meshes(around.surfaces)
     if worked(space.clock, 1 + bodies * (1 + obstacles)):
         return -np.inf

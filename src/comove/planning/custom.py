@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from comove.model.constraints import Constraint
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import load_coordinates
 from comove.model.motion import CoordinatedMotion
-from comove.optim import Minimiser, minimise
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives.own import OwnFunctions, Samples
@@ -166,7 +166,7 @@ def _minimised(
 
     waited, reference = 0, np.inf
 
-    def over(state: Minimiser) -> bool:
+    def over(state: Any) -> bool:
         nonlocal waited, reference
         best = state.best_fun
         search.tell(float(best), 0.0)
@@ -175,6 +175,8 @@ def _minimised(
             waited, reference = 0 if np.isfinite(best) else waited, min(best, reference)
         enough = np.isfinite(best) or search.found.best is not None
         return search.over() or (waited >= settings.patience and bool(enough))
+
+    from comove.optim import minimise  # slow to import
 
     found = minimise(
         lambda x: cached(x)[0],

@@ -12,6 +12,7 @@ from comove.io.notebooks import NotebookLine, StreamLine, in_notebook
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import Compiled, compiling
 from comove.planning.solution import Progress, ProgressCallback
+from comove.planning.warming import WarmUp, shown_by
 
 DELAY, PAUSE = 0.5, 0.2  # s, on the wall: before the first line, and between two
 
@@ -42,7 +43,7 @@ def displayed(
         yield False
     else:
         line = _Line(Budget.of(budget))
-        with compiling(line.compiling, line.compiled):
+        with compiling(compiled=line.compiled), shown_by(line.warming_up):
             try:
                 yield line.progress
             finally:
@@ -64,9 +65,12 @@ class _Line:
         left = self._budget.seconds - self._spent
         self._show(state.words + (f" · {max(left, 0.0):.0f} s left" if left < float("inf") else ""))
 
-    def compiling(self, kernel: str) -> None:
-        if kernel:
-            self._show(f"compiling, once after installation · kernel {self.compiled.kernels}, {kernel}")
+    @contextmanager
+    def warming_up(self, state: WarmUp) -> Iterator[None]:
+        self._show(f"compiling, once after installation, on {state.workers} cores")
+        begun = now()
+        yield
+        self.compiled.seconds += now() - begun
 
     def close(self) -> None:
         if self._is_shown:

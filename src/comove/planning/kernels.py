@@ -1,15 +1,13 @@
-"""The compilation or loading of kernels, before the time of a search is measured.
+"""Small searches of end effectors, which need all kernels that a search needs.
 
-Compilation happens once after installation. Where there are processor cores for it, a second process compiles what a
-search needs last, while this one compiles what it needs first and then finds the rest in the cache on disk.
+Whoever is about to search requires the jobs of the scene's kind (`planning.warming`), so that kernels are compiled by
+all cores, before the time of the search is measured.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +17,6 @@ from comove.dmp.demonstrations.demonstration import Demonstration
 from comove.dmp.dmp import DMP
 from comove.model.coordinates import load_coordinates
 from comove.model.scene import Scene
-from comove.planning.clock import STRIDE, clock_until, worked
-from comove.planning.compiling import meanwhile
 from comove.planning.configurations import configuration_space
 from comove.planning.convex.limits import Limits
 from comove.planning.methods import Quick
@@ -30,6 +26,7 @@ from comove.planning.planner import FOREST, flat_direction, forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.planning.smooth import smooth_way
+from comove.planning.warming import require
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
@@ -42,65 +39,43 @@ class SceneKind:
     ----------
     n_dims : 2 or 3
     moving : whether obstacles move
-    solids : whether the load is a box, a mesh or another solid, not only rods
-    meshes : whether obstacles are meshes
+    meshes : whether payload or obstacles are meshes or other solids, not only rods and convex obstacles
     """
 
     n_dims: int
     moving: bool = False
-    solids: bool = False
     meshes: bool = False
 
     @classmethod
     def of(cls, scene: Scene) -> SceneKind:
         """Return the kind of a scene."""
-        return cls(
-            scene.n_dims,
-            bool(scene.moving.any()),
-            len(scene.body.solids) > 0,
-            len(scene.surfaces.root) > 0,
-        )
+        has_meshes = len(scene.body.solids) > 0 or len(scene.surfaces.root) > 0
+        return cls(scene.n_dims, bool(scene.moving.any()), has_meshes)
+
+    @property
+    def jobs(self) -> tuple[str, ...]:
+        """Return the names of the jobs that need the same kernels, those that take longest first."""
+        name = "planar" if self.n_dims == 2 else "spatial"
+        more = ["moving plans"] * self.moving + ["meshes"] * self.meshes
+        return f"{name} plans", f"{name} motions", *more
 
 
-def load_kernels(kind: SceneKind, beside: Callable[[], object] | None = None) -> None:
-    """Compile, or load from the cache, all kernels needed to solve scenes of a kind; once in a process.
-
-    Parameters
-    ----------
-    beside : function that is called while another process compiles; where there is nothing to compile, at once
-    """
-    with meanwhile(load_last_kernels, **asdict(kind)):
-        begin_loading(beside)
-        _load_once(kind)
-    _load_forest_once(kind)
+def load_kernels(kind: SceneKind) -> None:
+    """Wait until all kernels that are needed to solve scenes of a kind are compiled, once after installation."""
+    require(*kind.jobs)
 
 
-def begin_loading(beside: Callable[[], object] | None) -> None:
-    """Load a small kernel, so that another process begins where kernels have to be compiled, and call a function."""
-    worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
-    if beside is not None:
-        beside()
-
-
-@lru_cache(maxsize=16)
-def _load_once(kind: SceneKind) -> None:
+def plan_in(n_dims: int, moving: bool = False) -> None:
+    """Plan in a small scene, by all planners, and make the path a motion."""
+    kind = SceneKind(n_dims, moving)
     Quick(n_ways=1).run(_stand_in(kind), planner=True)
+    if n_dims == 3:
+        _search_by_forest(_stand_in(kind))
 
 
-@lru_cache(maxsize=16)
-def _load_forest_once(kind: SceneKind) -> None:
-    _search_by_forest(_stand_in(kind))
-
-
-def load_last_kernels(**kind: Any) -> None:
-    """Load the kernels that a search needs last: those of smooth motions, and of the forest."""
-    load_smooth_kernels(SceneKind(**kind))
-    _search_by_forest(_stand_in(SceneKind(**kind)))
-
-
-def load_smooth_kernels(kind: SceneKind) -> None:
-    """Load the kernels that make a path a smooth motion: of the convex programme, of the certificate, of the cost."""
-    search = _stand_in(kind)
+def smooth_in(n_dims: int, meshes: bool = False) -> None:
+    """Make a path in a small scene a smooth motion: by the convex programme, with the certificate and the cost."""
+    search = _stand_in(SceneKind(n_dims, meshes=meshes))
     boundary = search.objective.coordinates.boundary()
     way = boundary[0] + np.linspace(0.0, 1.0, N_STEPS)[:, None] * (boundary[2] - boundary[0])
     smooth_way(search, way, boundary)
@@ -110,16 +85,15 @@ def load_smooth_kernels(kind: SceneKind) -> None:
 def _search_by_forest(search: Search) -> None:
     """Search once by the planner that comes second, which spatial scenes need."""
     coordinates = search.objective.coordinates
-    if search.scene.n_dims == 3:
-        space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
-        flat = flat_direction(space.blocks.point)
-        rng = np.random.default_rng(0)
-        forest(space, flat, ends[0], ends[2], 0.01, rng, 2, FOREST)
+    space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
+    flat = flat_direction(space.blocks.point)
+    rng = np.random.default_rng(0)
+    forest(space, flat, ends[0], ends[2], 0.01, rng, 2, FOREST)
 
 
 def _stand_in(kind: SceneKind) -> Search:
     """Return the search for a motion in a small scene of a kind."""
-    scene = _scene(kind)
+    scene = small_scene(kind)
     way = np.linspace(0.0, 1.0, 41)
     dmp = DMP.fit(Demonstration(way, np.outer(minimum_jerk(way), np.ones(kind.n_dims))))
     return Search(
@@ -132,11 +106,18 @@ def _stand_in(kind: SceneKind) -> Search:
     )
 
 
-def _scene(kind: SceneKind) -> Scene:
+def small_scene(kind: SceneKind, **more: Any) -> Scene:
+    """Return a small scene of a kind.
+
+    Parameters
+    ----------
+    more : further keys of its file
+    """
+
     def at(*values: float) -> list[float]:
         return [*values, *[0.5] * (kind.n_dims - len(values))]
 
-    load = {"shape": "box", "size": [0.2, 0.02, 0.02]} if kind.solids else {"shape": "bar", "length": 0.2}
+    load = {"shape": "box", "size": [0.2, 0.02, 0.02]} if kind.meshes else {"shape": "bar", "length": 0.2}
     drifts = {"motion": {"velocity": [0.01] * kind.n_dims}} if kind.moving else {}
     obstacles = [{"shape": "sphere", "center": at(0.4, 0.4), "radius": 0.05, **drifts}]
     with tempfile.TemporaryDirectory() as folder:
@@ -155,6 +136,7 @@ def _scene(kind: SceneKind) -> Scene:
                     {"name": "a", "start": at(0.2, 0.4), "goal": at(0.6, 0.4)},
                     {"name": "b", "start": at(0.2, 0.6), "goal": at(0.6, 0.6)},
                 ],
+                **more,
             },
             folder=folder,
         )

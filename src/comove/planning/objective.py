@@ -26,7 +26,6 @@ from comove.contacts.displaced import farthest_moved
 from comove.contacts.query import Query, least_distance, near_things
 from comove.contacts.surroundings import from_border, surroundings_of
 from comove.dmp.basis import rollouts
-from comove.geometry.solids import count_solids
 from comove.geometry.surfaces import count_meshes
 from comove.model.coordinates import Coordinates
 from comove.model.motion import CoordinatedMotion
@@ -221,7 +220,7 @@ def _evaluate(around, nodes, n_hands, moved, offsets, taught, cost_weights, cont
     penalty, clearance, hits = np.zeros(n_rollouts), np.zeros(n_rollouts), np.zeros(n_rollouts)
     rate = (n_steps - 1) / duration
     near = np.empty(around.convex.shape[0] + count_meshes(around.surfaces), dtype=np.int64)
-    normals = np.full((count_solids(around.solids), near.shape[0], 3), 1.0 / sqrt(3.0))
+    normals = np.full((around.solids.shape[0], near.shape[0], 3), 1.0 / sqrt(3.0))
     scratch = near, normals, np.empty((nodes.shape[2], 3)), np.empty(around.obstacles.shape[0])
     for k in range(n_rollouts):
         x = nodes[k]

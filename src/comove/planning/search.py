@@ -18,7 +18,6 @@ from comove.dmp.system import LinearPhase, Phase
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
-from comove.optim import CMAES, DiagonalCovariance, Parameters
 from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now, wind
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import MESH_WORK, SOLID_WORK
@@ -430,6 +429,8 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
     directions = dmp.coordinates.search
     shape = (directions.shape[1], dmp.basis.n_basis)
     n = shape[0] * shape[1]
+    from comove.optim import CMAES, DiagonalCovariance, Parameters  # slow to import
+
     optimiser = CMAES(
         np.zeros(n),
         schedule.sigma,

@@ -3,6 +3,7 @@
 from comove.processes.pool import (
     ALONE,
     ONE_THREAD,
+    Ahead,
     PoolSettings,
     TaskResult,
     end_process,
@@ -15,6 +16,7 @@ from comove.processes.threads import one_blas_thread
 __all__ = [
     "ALONE",
     "ONE_THREAD",
+    "Ahead",
     "PoolSettings",
     "TaskResult",
     "end_process",

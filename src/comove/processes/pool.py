@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, Pipe, wait
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from comove.errors import OptionError
 
@@ -33,7 +33,7 @@ ONE_THREAD = dict.fromkeys(
 )
 """The environment of processes whose numerical libraries keep to one thread."""
 ALONE = "COMOVE_COMPILE_ALONE"
-"""Environment variable: where it is set, no other process helps this one to compile kernels."""
+"""Environment variable: where it is set, no other process helps this one to compile kernels, or to draw."""
 
 
 def n_processors() -> int:
@@ -263,3 +263,38 @@ class _Crew(Generic[Task, Made]):
         for process in processes:
             process.close()
         self.processes.clear()
+
+
+class Ahead(Generic[Task, Made]):
+    """A process that loads what a work needs before its task is known; as a context, at whose end it is ended.
+
+    Parameters
+    ----------
+    work : function that can be pickled, of a task, or of None, which only prepares for one
+    """
+
+    def __init__(self, work: Callable[[Task | None], Made]) -> None:
+        self._process: _Process[Task] = _Process(_packed(work))
+        self._process.give(None)  # type: ignore[arg-type]  # of any task
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.close()
+
+    def work_on(self, task: Task) -> TaskResult[Task, Made]:
+        """Give the task, and wait for what becomes of it."""
+        self._process.give(task)
+        said = list[tuple[str, Any]]()
+        with suppress(EOFError, OSError):
+            for _ in ("it is ready", "it is prepared", "the task"):
+                said.append(self._process.connection.recv())
+        kind, told = said[-1] if said else ("", None)
+        if len(said) == 3 and kind == "made":
+            return TaskResult(task, told)
+        return (
+            TaskResult(task, error=str(told))
+            if kind in ("unable", "failed", "refused")
+            else TaskResult(task, killed=1)
+        )

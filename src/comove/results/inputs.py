@@ -19,7 +19,6 @@ from typing import Any
 from comove.errors import ComoveWarning, ResultError
 from comove.io.files import telling, whole_file
 from comove.io.folders import FOLDER, LIST, listed_inputs
-from comove.model.demonstration import library_file
 from comove.model.files.keys import canonical
 from comove.model.scene import Scene
 
@@ -95,6 +94,8 @@ def files_of_scene(scene: Scene) -> list[Path]:
     files = [scene.folder / name for name in named if name is not None]
     source = scene.file.demonstration
     if source is not None and source.library is not None:
+        from comove.model.demonstration import library_file  # which loads what reads recordings
+
         files.append(library_file(scene, source.library))
     return files
 

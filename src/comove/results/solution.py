@@ -304,7 +304,8 @@ def _edited_cost(summary: Summary, motion: CoordinatedMotion) -> list[str]:
 
 def _basis(arrays: Arrays) -> MotionBasis:
     try:
-        count, metric = int(arrays["basis_functions"]), str(arrays["basis_metric"])
+        count = int(arrays["basis_functions"])
+        metric: Any = str(arrays["basis_metric"])
         if metric not in get_args(Metric):
             raise ValueError(f"unknown metric '{metric}'")
         return motion_basis(count, metric, _phase(str(arrays["basis_phase"])))

@@ -1,17 +1,15 @@
-"""The compilation or loading of the kernels of robots, before the time of a search is measured."""
+"""Small problems of robots, which need all kernels that searches and executions of robots need."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from comove.geometry.surfaces import holds
 from comove.model.scene import Scene
-from comove.planning.compiling import meanwhile
-from comove.planning.kernels import TETRAHEDRON, SceneKind, begin_loading, load_smooth_kernels
+from comove.planning.kernels import TETRAHEDRON, SceneKind
+from comove.planning.warming import require
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 
@@ -29,35 +27,36 @@ STAND_IN: dict[str, Any] = {
 }
 
 
-def load_robot_kernels(kind: SceneKind, beside: Callable[[], object] | None = None) -> None:
-    """Compile, or load from the cache, all kernels needed to solve scenes of a kind for robots; `beside` as in
-    `load_kernels`.
-    """
-    with meanwhile(load_planning_kernels, solids=kind.solids, meshes=kind.meshes, moving=kind.moving):
-        begin_loading(beside)
-        _load_once(kind)
-    load_planning_kernels(kind.solids, kind.meshes, kind.moving)
+def load_robot_kernels(kind: SceneKind) -> None:
+    """Wait until all kernels that are needed to solve scenes of a kind for robots are compiled, as `load_kernels`."""
+    require("robot motions", "robot plans, moving" if kind.moving else "robot plans", *kind.jobs)
 
 
-@lru_cache(maxsize=2)
-def _load_once(kind: SceneKind) -> None:
-    load_smooth_kernels(kind)
-    stand_in = _stand_in(kind.solids, kind.meshes, kind.moving)
+def follow() -> None:
+    """Follow a motion by a small robot, among spheres and meshes."""
+    stand_in = _stand_in(meshes=True)
     stand_in.try_following()
-    if kind.meshes:
-        holds(stand_in.scene.surfaces, 0, 0.0, 0.0, 0.0)  # which the verification of links asks by itself
+    holds(stand_in.scene.surfaces, 0, 0.0, 0.0, 0.0)  # which the verification of links asks by itself
 
 
-@lru_cache(maxsize=2)
-def load_planning_kernels(solids: bool, meshes: bool, moving: bool) -> None:
-    """Load the kernels by which arms plan."""
-    _stand_in(solids, meshes, moving).try_planning()
+def plan(moving: bool = False) -> None:
+    """Plan the joints of a small robot."""
+    _stand_in(moving=moving).try_planning()
 
 
-@lru_cache(maxsize=1)
-def _stand_in(solids: bool, meshes: bool, moving: bool) -> RobotCarrier:
+def execute(steps: int = 3) -> None:
+    """Execute a motion of a small robot step by step."""
+    from comove.robots.online.executor import JointExecutor
+
+    stand_in = _stand_in()
+    executor = JointExecutor(stand_in.scene, stand_in.robot)
+    for _ in range(steps):
+        executor.step(executor.joints)
+
+
+def _stand_in(moving: bool = False, meshes: bool = False) -> RobotCarrier:
     """Return the smallest robot that needs all kernels, in a small scene."""
-    load = {"shape": "box", "size": [0.3, 0.02, 0.02]} if solids else {"shape": "bar", "length": 0.3}
+    load = {"shape": "box", "size": [0.3, 0.02, 0.02]} if meshes else {"shape": "bar", "length": 0.3}
     scene: dict[str, Any] = {**STAND_IN, "load": load}
     if moving:
         (post,) = STAND_IN["obstacles"]

@@ -4,35 +4,46 @@ A file becomes a :class:`Demonstration`, which is clean by construction: finite,
 every instant once. Its `notes` report every change that was made.
 """
 
-from comove.dmp.demonstrations.demonstration import Demonstration, each, each_episode, segment
-from comove.dmp.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables, write
-from comove.dmp.demonstrations.formats.csv import write as write_csv
-from comove.dmp.demonstrations.formats.hdf5 import write_aloha, write_robomimic
-from comove.dmp.demonstrations.formats.lasa import names as lasa_names
-from comove.dmp.demonstrations.formats.lerobot import write as write_lerobot
-from comove.dmp.demonstrations.formats.npz import write as write_npz
-from comove.dmp.demonstrations.formats.rosbag import write as write_rosbag
+from typing import TYPE_CHECKING
 
-read_csv = each(tables.read)
-read_npz = each(npz.read)
-read_rosbag = each(rosbag.read)
-read_hdf5 = each_episode(hdf5.read)
-read_lerobot = each_episode(lerobot.read)
+from comove._doors import lazily
 
-__all__ = [
-    "Demonstration",
-    "lasa_names",
-    "read_csv",
-    "read_hdf5",
-    "read_lerobot",
-    "read_npz",
-    "read_rosbag",
-    "segment",
-    "write",
-    "write_aloha",
-    "write_csv",
-    "write_lerobot",
-    "write_npz",
-    "write_robomimic",
-    "write_rosbag",
-]
+if TYPE_CHECKING:
+    from comove.dmp.demonstrations.demonstration import Demonstration as Demonstration, segment as segment
+    from comove.dmp.demonstrations.files import (
+        lasa_names as lasa_names,
+        read_csv as read_csv,
+        read_hdf5 as read_hdf5,
+        read_lerobot as read_lerobot,
+        read_npz as read_npz,
+        read_rosbag as read_rosbag,
+        write as write,
+        write_aloha as write_aloha,
+        write_csv as write_csv,
+        write_lerobot as write_lerobot,
+        write_npz as write_npz,
+        write_robomimic as write_robomimic,
+        write_rosbag as write_rosbag,
+    )
+
+__all__, __getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "dmp.demonstrations.demonstration": ["Demonstration", "segment"],
+        "dmp.demonstrations.files": [
+            "lasa_names",
+            "read_csv",
+            "read_hdf5",
+            "read_lerobot",
+            "read_npz",
+            "read_rosbag",
+            "write",
+            "write_aloha",
+            "write_csv",
+            "write_lerobot",
+            "write_npz",
+            "write_robomimic",
+            "write_rosbag",
+        ],
+    },
+)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from comove.arrays import first_largest
 from comove.dmp.demonstrations import cleaning, formats, plausibility, resampling
-from comove.dmp.demonstrations.formats import lasa
 from comove.dmp.demonstrations.samples import IN_MEMORY, RecordedSamples
 from comove.dmp.demonstrations.segmentation import Segmentation, movements
 from comove.dmp.demonstrations.units import base_unit, in_base_unit
@@ -305,6 +304,8 @@ class Demonstration(RecordedSamples):
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
         """Read one recording of the LASA handwriting set; see `comove.dmp.demonstrations.formats.lasa`."""
+        from comove.dmp.demonstrations.formats import lasa
+
         return cls.of(lasa.read(shape, demo))
 
     def _changed(

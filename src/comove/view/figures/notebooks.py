@@ -14,7 +14,7 @@ from comove.planning.solution import Solution
 from comove.stored import joint_rows, limits_row, motion_rows
 from comove.verification.verify import VerifiedMotion
 from comove.view.figures.motion import draw_motion, draw_scene
-from comove.view.figures.results import arms_along
+from comove.view.figures.pictures import arms_along
 from comove.view.figures.style import png_uri
 
 DPI = 60

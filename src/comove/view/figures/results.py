@@ -5,22 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from comove.model.files.keys import canonical
-from comove.planning import Solution, carried_demonstration
+from comove.planning import Solution
 from comove.results import write_solution
 from comove.results.inputs import Words, write_inputs
 from comove.results.reference import SCENE
-from comove.view.figures.motion import draw_motion, draw_progress
-from comove.view.figures.robots import arm_lines, draw_joints
-from comove.view.figures.style import save
-
-if TYPE_CHECKING:  # robots are an extra
-    from comove.robots import JointSolution
+from comove.view.figures.pictures import Pictures, drawn
 
 
 def save_result(
@@ -32,6 +24,7 @@ def save_result(
     source: str | Path | None = None,
     command: Words = (),
     made: Mapping[Path, bytes] = MappingProxyType({}),
+    pictures: bool = True,
 ) -> dict[str, Any]:
     """Write a solution, its scene, what it was made from and its pictures into an existing folder.
 
@@ -43,17 +36,13 @@ def save_result(
     demonstration : movement that is drawn beside the motion
     source : name or path of the description of its robot; what the scene says unless given
     command, made : as of `comove.results.inputs.write_inputs`
+    pictures : whether pictures are drawn
 
     Returns
     -------
     dict, the contents of solution.json
     """
-    scene, motion, joints = solution.scene, solution.attempt, solution.joints
-    title = scene.name if solution.verified else f"{scene.name} (not verified)"
-    carried = None if demonstration is None else carried_demonstration(demonstration, scene)
-    arms = arms_along(joints)
-    save(draw_motion(motion, title=title, demonstration=carried, arms=arms), folder / "motion.png")
-    save(draw_progress(motion), folder / "progress.png")
+    scene, joints = solution.scene, solution.joints
     (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
     files = () if joints is None else joints.robot.files
     write_inputs(folder, scene, command=command, files=files, made=made)
@@ -66,18 +55,11 @@ def save_result(
             joints.attempt,
             joints.verdict,
             joints.robot,
-            motion,
+            solution.attempt,
             source=source,
             present=joints.present,
         )
-        title = f"{scene.name}, {joints.robot.name}" + ("" if solution.verified else " (not verified)")
-        save(draw_joints(joints.robot, joints.attempt, title=title), folder / "joints.png")
+    if pictures:
+        for name, picture in drawn(Pictures.of(solution, demonstration)).items():
+            (folder / name).write_bytes(picture)
     return summary
-
-
-def arms_along(joints: JointSolution | None, n_states: int = 4) -> list[NDArray[np.float64]]:
-    """Return the lines of a robot's arms at equal times, as `draw_motion` takes them; none without a robot."""
-    if joints is None:
-        return []
-    motion = joints.attempt
-    return arm_lines(joints.robot, motion.at(np.linspace(0.0, motion.duration, n_states))[0])

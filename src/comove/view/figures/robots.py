@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from comove.arrays import Array
+from comove.view.figures.pictures import Joints, arm_lines
 from comove.view.figures.style import COLOURS, new_figure
 
 if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot
-    from comove.robots.motion import JointMotion
     from comove.robots.proposal import Examination
 
 VIEWS = (("from above", 0, 1), ("from the front", 1, 2), ("from the side", 0, 2))
@@ -22,26 +22,28 @@ AXES = (("#c0392b", "x"), ("#27ae60", "y: fingers open"), ("#2c5fb3", "z: approa
 OF_ARMS = ("#8e44ad", "#d68910", "#16a085", "#7f8c8d")  # none of them the colour of an axis
 
 
-def draw_joints(robot: Robot, joints: JointMotion, *, title: str = "") -> Figure:
+def draw_joints(joints: Joints, *, title: str = "") -> Figure:
     """Draw positions (between the limits), speeds and accelerations (as shares of theirs) of every arm's joints."""
     rows = (
-        ("position in its range", 2 * (joints.position - robot.lower) / (robot.upper - robot.lower) - 1),
-        ("share of speed", joints.velocity / robot.velocity),
-        ("share of acceleration", joints.acceleration / robot.acceleration),
+        ("position in its range", 2 * (joints.position - joints.lower) / (joints.upper - joints.lower) - 1),
+        ("share of speed", joints.velocity / joints.velocity_limit),
+        ("share of acceleration", joints.acceleration / joints.acceleration_limit),
     )
-    figure = new_figure(5.4 * len(robot.arms) + 1.2, 7.2)
-    figure.suptitle(title or robot.name)
-    axes = np.atleast_2d(figure.subplots(len(rows), len(robot.arms), sharex=True, sharey=True, squeeze=False))
-    for column, arm in enumerate(robot.arms):
+    figure = new_figure(5.4 * len(joints.arms) + 1.2, 7.2)
+    figure.suptitle(title or joints.name)
+    axes = np.atleast_2d(
+        figure.subplots(len(rows), len(joints.arms), sharex=True, sharey=True, squeeze=False)
+    )
+    for column, (name_of_arm, columns) in enumerate(joints.arms):
         for row, (name, values) in enumerate(rows):
             panel: Axes = axes[row, column]
-            for i, joint in enumerate(arm.columns):
+            for i, joint in enumerate(columns):
                 panel.plot(
                     joints.time,
                     values[:, joint],
                     color=COLOURS[i % len(COLOURS)],
                     linewidth=1.3,
-                    label=robot.joint_names[joint],
+                    label=joints.joint_names[joint],
                 )
             for limit in (-1.0, 1.0):
                 panel.axhline(limit, color="#b03030", linewidth=1.0, linestyle="--")
@@ -50,7 +52,12 @@ def draw_joints(robot: Robot, joints: JointMotion, *, title: str = "") -> Figure
             if column == 0:
                 panel.set_ylabel(name)
         axes[0, column].legend(
-            title=arm.name, fontsize=7, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False
+            title=name_of_arm,
+            fontsize=7,
+            ncols=4,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            frameon=False,
         )
         axes[-1, column].set_xlabel("time [s]")
     return figure
@@ -95,29 +102,6 @@ def draw_robot(robot: Robot, found: Examination, *, most_places: int = 600, axis
         panels[0].plot([], [], color=colour, linewidth=2.5, label=name)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9)
     return figure
-
-
-def arm_lines(robot: Robot, position: Array) -> list[Array]:
-    """Compute the places of every arm's joints and grasp frame.
-
-    Parameters
-    ----------
-    position : array, shape (n_states, n_joints), joint positions [rad]
-
-    Returns
-    -------
-    list of arrays, shape (n_states, n_points, 3), one for each arm [m]
-    """
-    import pinocchio as pin
-
-    data = robot.model.createData()
-    lines: list[list[list[Array]]] = [[] for _ in robot.arms]
-    for q in position:
-        pin.forwardKinematics(robot.model, data, q)
-        for line, arm in zip(lines, robot.arms, strict=True):
-            joints = [data.oMi[int(column) + 1].translation.copy() for column in arm.columns]
-            line.append([*joints, robot.tool_pose(q, arm)[:3, 3]])
-    return [np.array(line) for line in lines]
 
 
 def _bodies(robot: Robot) -> list[tuple[Array, float]]:

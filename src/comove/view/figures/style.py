@@ -37,15 +37,22 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 110) -> None:
-    """Write a figure as the suffix of `path` says, PNG at once: `savefig` would draw it once more, to lay it out."""
+    """Write a figure as the suffix of `path` says, a PNG as `png` makes it."""
     if Path(path).suffix != ".png":
         figure.savefig(path, dpi=dpi)
         return
+    Path(path).write_bytes(png(figure, dpi=dpi))
+
+
+def png(figure: Figure, *, dpi: int = 110) -> bytes:
+    """Return a figure as a PNG; `savefig` would draw it once more, to lay it out."""
     figure.set_dpi(dpi)
     if layout := figure.get_layout_engine():
         layout.execute(figure)
         figure.set_layout_engine("none")
-    FigureCanvasAgg(figure).print_png(path)
+    picture = BytesIO()
+    FigureCanvasAgg(figure).print_png(picture)
+    return picture.getvalue()
 
 
 def png_uri(figure: Figure, dpi: int) -> str:

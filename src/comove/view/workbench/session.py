@@ -547,7 +547,7 @@ class Session:
         if self.closed or link is not self.link:
             return
         if kind in ("compiling", "ended"):
-            if kind == "ended" or message["kernel"]:
+            if kind == "ended" or not message["is_over"]:
                 self.panels.say(verdict_words(kind))
         elif kind == "robot":
             self.stage.draw_robot(message["bodies"], message["home"])

