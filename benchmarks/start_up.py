@@ -9,8 +9,9 @@ Wall time counts all from the start of the process to its end; processor time, o
 it, tells whether the machine was busy with something else. Caches lie in temporary folders: those of the user are
 neither used nor changed.
 
-To repeat: ``pip install "comove[robot]"``, ``python benchmarks/start_up.py [--before SRC] [--repeats 5] [--first] [--robots]``,
-where SRC is the folder `src` of another version.
+To repeat: ``pip install "comove[robot]"``,
+``python benchmarks/start_up.py [--before SRC] [--repeats 5] [--first] [--robots]``, where SRC is the folder `src` of
+another version.
 """
 
 from __future__ import annotations
