@@ -3,14 +3,15 @@
 - first run: ``comove solve narrow.yaml`` with no compiled kernels and no font cache yet, once (`--first`);
 - later runs, each a new process with both in place: `solve`, with pictures and without, `verify`, `show`, `--help`,
   and ``import comove`` with the first `solve` in Python;
-- solve of ``examples/baxter/gap_30.yaml``, where the scenes of the repository and robots are there.
+- solve of ``examples/baxter/gap_30.yaml`` (`--robots`).
 
 Wall time counts all from the start of the process to its end; processor time, of the process and of those that help
 it, tells whether the machine was busy with something else. Caches lie in temporary folders: those of the user are
 neither used nor changed.
 
-To repeat: ``pip install "comove[robot]"``, ``python benchmarks/start_up.py [--before SRC] [--repeats 5] [--first]``,
-where SRC is the folder `src` of another version.
+To repeat: ``pip install "comove[robot]"``,
+``python benchmarks/start_up.py [--before SRC] [--repeats 5] [--first] [--robots]``, where SRC is the folder `src` of
+another version.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def measured(src: Path, folder: Path, words: list[str], *, alone: bool) -> tuple
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
 
 
-def commands(src: Path, *, is_new: bool) -> dict[str, list[str]]:
+def commands(src: Path, *, is_new: bool, robots: bool) -> dict[str, list[str]]:
     """The words after `python`, by what they are called in the table."""
     comove, scene = ["-m", "comove"], str(src / SCENE)
     solve = [*comove, "solve", scene, "--out", "out"]
@@ -65,7 +66,7 @@ def commands(src: Path, *, is_new: bool) -> dict[str, list[str]]:
         "comove --help": [*comove, "--help"],
         "import comove, first solve": ["-c", FROM_PYTHON, scene],
     }
-    if ROBOT_SCENE.is_file():
+    if robots:
         found["comove solve gap_30.yaml"] = [*comove, "solve", str(ROBOT_SCENE), "--out", "joints"]
     return found
 
@@ -76,12 +77,13 @@ def main() -> None:
     parser.add_argument("--before", type=Path, help="folder src of another version")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--first", action="store_true", help="measure first runs alone")
+    parser.add_argument("--robots", action="store_true", help="measure a robot's scene as well")
     options = parser.parse_args()
 
     sources = [SRC, *([options.before.resolve()] if options.before else [])]
     with tempfile.TemporaryDirectory() as place:
         folders = [Path(place, str(i)) for i in range(len(sources))]
-        asked = [commands(src, is_new=src == SRC) for src in sources]
+        asked = [commands(src, is_new=src == SRC, robots=options.robots) for src in sources]
         for folder in folders:
             folder.mkdir()
         rows = []

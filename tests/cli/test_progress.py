@@ -9,13 +9,13 @@ import pytest
 
 from comove.cli.app import since_process_start
 from comove.cli.progress import ONCE, progress_bar, time_spent
-from comove.planning import warming
+from comove.compiled.shown import displays
 from comove.planning.solution import Progress
 
 
 def warm_up(progress):
     """What a search does first where kernels are missing: it waits for others that compile them."""
-    with warming._displays[-1](SimpleNamespace(workers=2, share=0.5)):
+    with displays[-1](SimpleNamespace(workers=2, share=0.5)):
         time.sleep(progress)
 
 

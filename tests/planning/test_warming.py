@@ -9,8 +9,9 @@ from contextlib import contextmanager
 import pytest
 
 from comove.compiled import finished as notes
+from comove.compiled.shown import shown_by
 from comove.planning import SceneKind, warming
-from comove.planning.warming import JOBS, Job, require, shown_by, unfinished
+from comove.planning.warming import JOBS, Job, require, unfinished
 from comove.processes import ALONE
 from tests.solved import example
 

@@ -35,7 +35,7 @@ def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterat
     doing : text shown before the first call of the callback
     """
     from comove.compiled.counting import IN_ALL, compiling
-    from comove.planning.warming import shown_by
+    from comove.compiled.shown import shown_by
 
     shown = _Bar(budget, doing) if sys.stderr.isatty() else _Line()
     with compiling(compiled=IN_ALL), shown_by(shown.warming_up):

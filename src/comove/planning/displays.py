@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
+from comove.compiled.shown import WarmUp, shown_by
 from comove.errors import OptionError
 from comove.io.notebooks import NotebookLine, StreamLine, in_notebook
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import Compiled, compiling
 from comove.planning.solution import Progress, ProgressCallback
-from comove.planning.warming import WarmUp, shown_by
 
 DELAY, PAUSE = 0.5, 0.2  # s, on the wall: before the first line, and between two
 

@@ -12,8 +12,8 @@ import subprocess
 import sys
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from collections.abc import Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
@@ -23,6 +23,7 @@ from typing import Any
 
 from comove.compiled.counting import compiling
 from comove.compiled.finished import finish, finished, folder
+from comove.compiled.shown import WarmUp, displays
 from comove.processes import ALONE, n_processors, run_tasks
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
@@ -73,41 +74,7 @@ JOBS: dict[str, Job] = {
 }
 
 
-@dataclass(frozen=True)
-class WarmUp:
-    """A warm-up in progress.
-
-    Attributes
-    ----------
-    kernels : about how many will be compiled
-    workers : number of processes
-    """
-
-    kernels: int
-    workers: int
-    file: Path
-
-    @property
-    def share(self) -> float:
-        """Return about which share of the kernels has been compiled."""
-        with suppress(OSError):
-            return min(self.file.stat().st_size / self.kernels, 0.99)
-        return 0.99
-
-
-Display = Callable[[WarmUp], AbstractContextManager]
-_displays: list[Display] = []
 _here: set[str] = set()
-
-
-@contextmanager
-def shown_by(display: Display) -> Iterator[None]:
-    """Let a function show warm-ups in this context, after which the jobs that are left go on in the background."""
-    _displays.append(display)
-    try:
-        yield
-    finally:
-        _displays.remove(display)
 
 
 def require(*names: str) -> None:
@@ -123,7 +90,7 @@ def require(*names: str) -> None:
                 finish(name)
         return
     warm_up(missing)
-    if _displays and unfinished():
+    if displays and unfinished():
         _go_on_in_background()
 
 
@@ -145,7 +112,7 @@ def warm_up(names: list[str]) -> None:
         file.touch()
         workers = min(n_processors(), len(names))
         state = WarmUp(sum(JOBS[name].kernels for name in names), workers, file)
-        with _displays[-1](state) if _displays else nullcontext():
+        with displays[-1](state) if displays else nullcontext():
             for ended in run_tasks(
                 _Work(str(file)), lambda: waiting.popleft() if waiting else None, workers=workers
             ):

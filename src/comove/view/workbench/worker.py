@@ -21,6 +21,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from comove.compiled.shown import WarmUp, shown_by
 from comove.errors import ComoveError, ExtraError, OptionError
 from comove.methods import METHODS
 from comove.model.demonstration import demonstration_of
@@ -41,7 +42,7 @@ from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import OBJECTIVES, objective_of_scene
 from comove.planning.pace import with_limits
 from comove.planning.solution import ProgressCallback
-from comove.planning.warming import WarmUp, require, shown_by
+from comove.planning.warming import require
 from comove.results.inputs import place_of_scene
 from comove.solving import solve
 from comove.verification.verify import VerifiedMotion, verify
