@@ -204,7 +204,7 @@ def room_to_home():
     carry, robot = carried(), baxter()
     held = carry.joints.position[0]
     carried_load = Carried(carry.motion.motion)
-    where, _ = carried_load.hands(carried_load.time)
+    where = carried_load.hands(carried_load.time).positions
     bodies = bodies_of(Bases(robot, robot.description.uncertainty), robot.arms, carried_load, where, 0.0)
     bodies = bodies.placed_at(carried_load.nodes(np.array([0.0]))[0])
     nodes = carry.scene.nodes_at("start")

@@ -62,7 +62,7 @@ def test_distances_are_those_of_the_links_and_of_the_hands_poses(name):
     np.testing.assert_allclose(
         distances[:, :-2], np.where(missed <= MET, np.minimum(within, ENOUGH), -missed), rtol=0.01, atol=1e-7
     )
-    clearance = [carrying.ends.clearance(*pair) for pair in zip(joints, nodes, strict=True)]
+    clearance = [carrying.ends.clearances(q[None], place)[0] for q, place in zip(joints, nodes, strict=True)]
     np.testing.assert_allclose(distances[:, -2:].min(axis=1), clearance, atol=1e-12)
 
 
