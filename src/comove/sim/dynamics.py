@@ -14,7 +14,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.sim.building import TIMESTEP, build_world
 from comove.sim.engine import engine, without_log
-from comove.sim.execution import Contact, Execution
+from comove.sim.execution import Contact, Execution, obstacle_time
 from comove.sim.grasps import GraspModel, Weld
 from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
@@ -25,7 +25,6 @@ from comove.sim.world import (
     lower_floor,
     move_obstacles,
     moving_poses,
-    obstacle_time,
 )
 
 

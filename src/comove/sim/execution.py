@@ -33,7 +33,6 @@ from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import MovingObstacles, beyond_wrists, depth_of, obstacle_object
 from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
 from comove.sim.settings import PLAN, Perturbation, Settings
-from comove.sim.world import obstacle_time
 
 if TYPE_CHECKING:
     from comove.sim.grasps import GraspModel
@@ -309,6 +308,14 @@ def squeezes(wrenches: Array, points: Array) -> Array:
     across = points[:, second] - points[:, first]
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
     return 0.5 * ((wrenches[:, first, :3] - wrenches[:, second, :3]) * across).sum(axis=-1)
+
+
+def obstacle_time(time: Array, duration: float) -> Array:
+    """Return the times at which obstacles are seen in a simulation of a motion [s]: after its duration they stay.
+
+    Nothing is known of a payload that stands where they go on.
+    """
+    return np.minimum(time, duration)
 
 
 def contacts_between(

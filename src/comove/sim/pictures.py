@@ -26,12 +26,12 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.sim.building import build_world
 from comove.sim.engine import engine, no_pictures, require_pictures, without_log
-from comove.sim.execution import Execution
+from comove.sim.execution import Execution, obstacle_time
 from comove.sim.grasps import GraspModel, Weld
 from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
 from comove.sim.settings import PLAN, Perturbation
-from comove.sim.world import SimulatedWorld, lower_floor, move_obstacles, obstacle_time
+from comove.sim.world import SimulatedWorld, lower_floor, move_obstacles
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width

@@ -168,14 +168,6 @@ def moving_poses(scene: Scene, time: Array) -> tuple[Array, Array]:
     return (scene.centers + scene.offsets(time))[:, own], exponential(scene.turns(time)[:, own])
 
 
-def obstacle_time(time: Array, duration: float) -> Array:
-    """Return the times at which obstacles are seen in a simulation of a motion [s]: after its duration they stay.
-
-    Nothing is known of a payload that stands where they go on.
-    """
-    return np.minimum(time, duration)
-
-
 def moving_body(obstacle: int) -> str:
     """Return the name of the body of an obstacle that moves, with a blank as that of the load."""
     return f"moving {obstacle}"
