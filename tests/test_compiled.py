@@ -328,6 +328,40 @@ def test_two_processes_compile_into_one_empty_folder(tmp_path, turns):
     assert out.split()[:3] == ["2", "1.0", "2j"] and err == ""
 
 
+@pytest.mark.slow
+def test_of_two_processes_one_compiles_and_the_other_waits_and_loads(tmp_path):
+    (tmp_path / "slow_for_tests.py").write_text(
+        "from comove.compiled import kernel\n\n@kernel\ndef steps(x):\n"
+        + "".join(f"    x = x * {k}.5 + abs(x - {k}.0)\n" for k in range(300))
+        + "    return x\n"
+    )
+    code = (
+        "import sys, slow_for_tests\nfrom comove.compiled.counting import compiling\nprint(flush=True)\n"
+        "sys.stdin.readline()\nwith compiling() as compiled:\n    slow_for_tests.steps(1.0)\n"
+        "print(sum(slow_for_tests.steps.callee.stats.cache_misses.values()))"
+    )
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", code],
+            env={
+                **os.environ,
+                "NUMBA_CACHE_DIR": "",
+                "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]),
+            },
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    for process in both:
+        process.stdout.readline()
+    for process in both:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    assert sorted(process.communicate()[0].split() for process in both) == [["0"], ["1"]]
+
+
 def test_warnings_are_not_needed_for_what_works(kernel):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
