@@ -34,8 +34,7 @@ def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterat
     budget : length of the bar, processor time [s]; without it, a bar is shown only during a warm-up
     doing : text shown before the first call of the callback
     """
-    from comove.compiled.counting import IN_ALL, compiling
-    from comove.compiled.shown import shown_by
+    from comove.compiled.counting import IN_ALL, compiling, shown_by
 
     shown = _Bar(budget, doing) if sys.stderr.isatty() else _Line()
     with compiling(compiled=IN_ALL), shown_by(shown.warming_up):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-from comove.compiled.shown import WarmUp, shown_by
+from comove.compiled.counting import WarmUp, shown_by
 from comove.errors import OptionError
 from comove.io.notebooks import NotebookLine, StreamLine, in_notebook
 from comove.planning.clock import Budget, now

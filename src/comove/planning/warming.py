@@ -21,9 +21,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from comove.compiled.counting import compiling
+from comove.compiled.counting import WarmUp, compiling, displays
 from comove.compiled.finished import finish, finished, folder
-from comove.compiled.shown import WarmUp, displays
 from comove.processes import ALONE, n_processors, run_tasks
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})

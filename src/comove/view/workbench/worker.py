@@ -21,7 +21,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from comove.compiled.shown import WarmUp, shown_by
+from comove.compiled.counting import WarmUp, shown_by
 from comove.errors import ComoveError, ExtraError, OptionError
 from comove.methods import METHODS
 from comove.model.demonstration import demonstration_of
