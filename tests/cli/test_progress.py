@@ -9,7 +9,7 @@ import pytest
 
 from comove.cli.app import since_process_start
 from comove.cli.progress import ONCE, progress_bar, time_spent
-from comove.compiled.shown import displays
+from comove.compiled.counting import displays
 from comove.planning.solution import Progress
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 from comove.compiled import finished as notes
-from comove.compiled.shown import shown_by
+from comove.compiled.counting import shown_by
 from comove.planning import SceneKind, warming
 from comove.planning.warming import JOBS, Job, require, unfinished
 from comove.processes import ALONE
