@@ -77,6 +77,7 @@ class Space(NamedTuple):
     required : clearance that the scene asks for [m]
     cap : largest clearance that is computed [m]
     clock : clock of the budget; no configuration is free after its deadline
+    parts : array, shape (DEPTH, 2), scratch of the check of one edge
     found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
     settings : settings of the search
     """
@@ -89,6 +90,7 @@ class Space(NamedTuple):
     required: float
     cap: float
     clock: Array
+    parts: Array
     found: NDArray[np.int64]
     settings: SpaceSettings
 
@@ -112,6 +114,7 @@ def configuration_space(
         scene.clearance,
         settings.cap + scene.clearance,
         clock_until() if clock is None else clock,
+        np.empty((DEPTH, 2)),
         np.zeros(2, dtype=np.int64),
         settings,
     )
@@ -275,7 +278,7 @@ def _great_circle(p, q, o, width, f, either_sign, out):
         out[c] /= sqrt(norm)
 
 
-@kernel
+@kernel(counted=False)
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q.
 
@@ -287,7 +290,7 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
     return edge_is_free_in_time(space, None, p, q, margin, scratch, nodes)
 
 
-@kernel
+@kernel(counted=False)
 def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
     """Return the same of nodes with a time, at which obstacles are elsewhere, and whether the body is slow enough.
 
@@ -305,7 +308,7 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
     first = clearance_in_time(space, timing, p, nodes, margin) - margin
     if first <= 0.0:
         return False
-    creeping, top, parts = 0, 1, np.empty((DEPTH, 2))  # that are still to be checked, as lengths from p
+    creeping, top, parts = 0, 1, space.parts  # that are still to be checked, as lengths from p
     parts[0, 0], parts[0, 1] = first, length - last
     while top > 0:
         top -= 1

@@ -292,7 +292,7 @@ def _way_through(space, q, j, margin, out, work, settings):
     return best
 
 
-@kernel
+@kernel(counted=False)
 def _slid(space, q, along, length, out):
     """Write a pose moved along a direction; return whether its centre is still in the workspace."""
     copy_to(q, out)
@@ -490,7 +490,7 @@ def quaternion_of(r, out):
             out[i] = 0.5 * (r[i - 1, largest - 1] + r[largest - 1, i - 1]) / twice
 
 
-@kernel
+@kernel(counted=False)
 def _retract(space, q, margin, wished, trials, rng, work):
     """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
 
@@ -525,11 +525,9 @@ def _perturb(space, q, size, slides, rng, out):
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
     n_obstacles = space.around.obstacles.shape[0]
     slide = slides and (kind == DIRECTION or (kind == QUATERNION and n_obstacles > 0))
-    along = np.zeros(3)
-    if slide and kind == DIRECTION:
-        copy_to(q[n_dims : 2 * n_dims], along)
-    elif slide:
-        _side(space.around.obstacles, rng.integers(0, n_obstacles), rng.integers(0, 3), along)
+    j, side = 0, 0
+    if slide and kind != DIRECTION:
+        j, side = rng.integers(0, n_obstacles), rng.integers(0, 3)
     shift = (2.0 * rng.random() - 1.0) * 2.4 * reach if slide else 0.0
     move, turn = (0.004, 0.025) if slide else (0.05 * size, 0.025 * size / reach)
     for c in range(q.shape[0]):
@@ -537,7 +535,10 @@ def _perturb(space, q, size, slides, rng, out):
     for axis in range(n_dims):
         out[axis] += move * rng.standard_normal()
         if slide:
-            out[axis] += shift * along[axis]
+            along = q[n_dims + axis]
+            if kind != DIRECTION:
+                along = space.around.obstacles[j, ROTATION + 3 * axis + side]
+            out[axis] += shift * along
     if kind == ANGLE:
         out[n_dims] += turn * rng.standard_normal()
     elif kind != POINT:
