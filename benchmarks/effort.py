@@ -17,6 +17,7 @@ import numpy as np
 from timing import print_table
 
 import comove
+from comove.lab.bench.sets import own_scenes
 from comove.planning import LeastJerk
 from comove.planning.convex.costs import jerk_cost
 from comove.planning.effort import EFFORTS
@@ -32,8 +33,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     rows = []
     for place in asked.scenes:
-        files = sorted(place.glob("*.yaml")) if place.is_dir() else [place]
-        scenes = [comove.Scene.load(file) for file in files]
+        scenes = [one.load() for one in own_scenes([place])]
         comove.solve(scenes[0], seed=asked.seed, budget=asked.budget)
         tried = {
             effort: [outcome(scene, effort, asked.seed, asked.budget) for scene in scenes]
@@ -47,7 +47,7 @@ def main() -> None:
                 if both.any()
                 else np.nan
             )
-            found = f"{int(verified.sum())}/{len(files)}"
+            found = f"{int(verified.sum())}/{len(scenes)}"
             times = f"{1e3 * np.median(seconds):.0f}", f"{seconds.sum():.1f}"
             rows.append([place.name, effort, found, *times, f"{ratio:.3f}"])
     print_table(["scenes", "effort", "verified", "median [ms]", "all [s]", "jerk to normal"], rows)

@@ -139,8 +139,8 @@ def solve(
         "seed": seed,
         "checks": checks,
         "effort": effort,
+        "stop": stop,
     }
-    wanted["stop"] = stop
     with displayed(progress, budget) as tell:
         wanted |= {"method": method, "budget": budget, "objective": objective, "progress": tell or None}
         if (arms := robot_of(scene, robot)) is None:

@@ -1,14 +1,16 @@
 """How hard a search tries is said by a name or in numbers, and only where something can be bettered."""
 
 from dataclasses import replace
+from typing import get_args
 
 import pytest
 
 import comove
+from comove.cli.solve import EffortMode
 from comove.errors import OptionError
 from comove.planning import LeastJerk
 from comove.planning.convex.costs import jerk_cost
-from comove.planning.effort import EFFORTS, EffortLevel
+from comove.planning.effort import EFFORTS, EffortLevel, EffortName
 from tests.solved import scene_of
 
 
@@ -20,6 +22,10 @@ def test_more_effort_tries_more_and_ends_no_worse():
     assert found[1].effort.work < found[3].effort.work
     costs = {ways: jerk_cost(solution.attempt, LeastJerk(), None) for ways, solution in found.items()}
     assert costs[3] <= costs[1]
+
+
+def test_the_command_and_studies_know_all_levels():
+    assert [mode.value for mode in EffortMode] == list(get_args(EffortName)) == list(EFFORTS)
 
 
 def test_normal_is_what_is_tried_unless_said():

@@ -31,7 +31,7 @@ class ObstacleMode(StrEnum):
 
 
 class EffortMode(StrEnum):
-    """How hard a search tries to better a verified motion."""
+    """The levels of effort, by the names of `planning.effort.EFFORTS`."""
 
     quick = "quick"
     normal = "normal"

@@ -216,7 +216,7 @@ _given: dict[str, Environment] = {}  # what machine code points to, by name: it 
 
 
 class _Stored(CompileResultCacheImpl):
-    """What is kept of a compiled function: what numba keeps, and the names of the functions in its code."""
+    """The record of a compiled function on disk: that of numba, and the names of the functions in its code."""
 
     def reduce(self, cres: Any) -> Any:
         module = cres.library._final_module

@@ -176,7 +176,7 @@ class Kernel(CPUDispatcher):
 
 
 class _Callee(CPUDispatcher):
-    """What other kernels call."""
+    """A kernel without an entry for Python, as other kernels call it."""
 
     _cache: KernelCache
 

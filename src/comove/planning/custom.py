@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives.own import OwnFunctions, Samples
 from comove.planning.search import Search
+
+if TYPE_CHECKING:
+    from comove.optim import Minimiser
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,7 @@ def _minimised(
 
     waited, reference = 0, np.inf
 
-    def over(state: Any) -> bool:
+    def over(state: Minimiser) -> bool:
         nonlocal waited, reference
         best = state.best_fun
         search.tell(float(best), 0.0)

@@ -1,4 +1,4 @@
-"""How hard a search tries to better a motion that is verified."""
+"""Levels of effort: how many paths a search makes smooth, and which gains it still works for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EffortName = Literal["quick", "normal", "thorough"]
 
 @dataclass(frozen=True)
 class EffortLevel:
-    """How hard a search tries to better a motion that is verified.
+    """A level of effort: how hard a search tries to better a motion that is verified.
 
     Attributes
     ----------

@@ -535,10 +535,8 @@ class Plans(NamedTuple):
 
 def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:
     """Return the cost of a known motion that a path can be deformed into; None if there is none."""
-    for path, cost in known:
-        if deforms(space, np.ascontiguousarray(way), path, 0.0):
-            return cost
-    return None
+    way = np.ascontiguousarray(way)
+    return next((cost for path, cost in known if deforms(space, way, path, 0.0)), None)
 
 
 def _unsampled(scene: Scene) -> Scene:

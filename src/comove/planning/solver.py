@@ -147,11 +147,9 @@ def problem_of(
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
     hard = obstacles == "constraint"
-    smooth, harder = (
-        check_method(scene, method, aim, functions, planner=planner, hard=hard),
-        EffortLevel.of(effort),
-    )
-    if not smooth and harder != NORMAL:
+    smooth = check_method(scene, method, aim, functions, planner=planner, hard=hard)
+    level = EffortLevel.of(effort)
+    if not smooth and level != NORMAL:
         raise OptionError(
             f"effort = {effort!r}",
             key="effort",
@@ -177,7 +175,7 @@ def problem_of(
         smooth,
         stop,
         precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
-        harder,
+        level,
     )
 
 

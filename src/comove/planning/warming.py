@@ -30,7 +30,7 @@ LOCK = "comove_warm_up.lock"
 
 
 @dataclass(frozen=True)
-class Job:
+class WarmUpJob:
     """A small problem.
 
     Attributes
@@ -58,18 +58,18 @@ class Job:
 
 
 _ROBOT = ("pinocchio", "coal")
-JOBS: dict[str, Job] = {
-    "planar plans": Job("comove.planning.kernels:plan_in", {"n_dims": 2}, 180),
-    "planar motions": Job("comove.planning.kernels:smooth_in", {"n_dims": 2}, 60),
-    "spatial plans": Job("comove.planning.kernels:plan_in", {"n_dims": 3}, 40),
-    "spatial motions": Job("comove.planning.kernels:smooth_in", {"n_dims": 3}, 10),
-    "meshes": Job("comove.planning.kernels:smooth_in", {"n_dims": 3, "meshes": True}, 70),
-    "moving plans": Job("comove.planning.kernels:plan_in", {"n_dims": 2, "moving": True}, 30),
-    "executions": Job("comove.control.kernels:execute", {}, 40),
-    "robot motions": Job("comove.robots.kernels:follow", {}, 80, _ROBOT),
-    "robot plans": Job("comove.robots.kernels:plan", {}, 50, _ROBOT),
-    "robot plans, moving": Job("comove.robots.kernels:plan", {"moving": True}, 20, _ROBOT),
-    "robot executions": Job("comove.robots.kernels:execute", {}, 40, _ROBOT),
+JOBS: dict[str, WarmUpJob] = {
+    "planar plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 2}, 180),
+    "planar motions": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 2}, 60),
+    "spatial plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 3}, 40),
+    "spatial motions": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 3}, 10),
+    "meshes": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 3, "meshes": True}, 70),
+    "moving plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 2, "moving": True}, 30),
+    "executions": WarmUpJob("comove.control.kernels:execute", {}, 40),
+    "robot motions": WarmUpJob("comove.robots.kernels:follow", {}, 80, _ROBOT),
+    "robot plans": WarmUpJob("comove.robots.kernels:plan", {}, 50, _ROBOT),
+    "robot plans, moving": WarmUpJob("comove.robots.kernels:plan", {"moving": True}, 20, _ROBOT),
+    "robot executions": WarmUpJob("comove.robots.kernels:execute", {}, 40, _ROBOT),
 }
 
 
@@ -121,7 +121,7 @@ def warm_up(names: list[str]) -> None:
 
 @dataclass(frozen=True)
 class _Work:
-    """What a process does with a job; for every kernel that it compiles, a file becomes one byte longer."""
+    """The work of a process on a job; for every kernel that it compiles, a file becomes one byte longer."""
 
     file: str
 

@@ -19,8 +19,8 @@ from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bod
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import (
     CarryCourse,
-    Cells,
     JointCertificateSettings,
+    PairCells,
     certify,
 )
 from comove.robots.verification.kinematics import Bases, Reaches
@@ -346,7 +346,7 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
 
 def test_parts_of_cells_cover_the_same_pairs_at_the_same_times():
     world = world_of(known_carry()[0])[1]
-    cells = Cells.first(world, 6)
+    cells = PairCells.first(world, 6)
     chosen = np.flatnonzero(np.random.default_rng(0).random(len(cells.pair)) < 0.5)
     parts = cells.divided(chosen)
     assert (parts.number // 4 == np.repeat(cells.number[chosen], 4)).all()

@@ -14,9 +14,9 @@ from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import LOAD, bodies_of, distance_of, solid_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.certificate import CarryCourse, Cells, Level
+from comove.robots.verification.certificate import CarryCourse, Level, PairCells
 from comove.robots.verification.kinematics import Bases
-from comove.robots.verification.slabs import CORE, FINE, ROUGH, Need, Solids, _bulge, _reach, apart
+from comove.robots.verification.slabs import CORE, FINE, ROUGH, BoundTargets, Solids, _bulge, _reach, apart
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
@@ -113,7 +113,7 @@ def test_distances_are_those_of_coal(first):
 def no_need():
     """Bounds of which none suffices, so that all is computed."""
     none = np.full(3, np.inf)
-    return Need(none, none.copy(), np.full(3, -1), np.zeros(3, dtype=np.int64), 0.0, 0.0, 0.0)
+    return BoundTargets(none, none.copy(), np.full(3, -1), np.zeros(3, dtype=np.int64), 0.0, 0.0, 0.0)
 
 
 @pytest.mark.slow
@@ -127,7 +127,7 @@ def test_no_pair_comes_nearer_than_bound(seed):
     parts = int(2 ** rng.integers(0, 8))
     number = int(rng.integers(parts))
     at, _ = CarryCourse(world, carried, motion.curve).intervals(np.array([number]), parts)
-    cells = [Cells(np.array([number]), pairs[[k]], np.zeros((1, 3))) for k in range(len(pairs))]
+    cells = [PairCells(np.array([number]), pairs[[k]], np.zeros((1, 3))) for k in range(len(pairs))]
     bounds = [Level(world, at, cell, np.array([0]), no_need()).bounds()[0] for cell in cells]
     bound = np.concatenate(bounds)  # each by itself, as others may spare it
     least = np.full(len(pairs), np.inf)
@@ -184,7 +184,7 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     pair = [world.name(k) for k in range(len(world.kind))].index("l_gripper_l_finger and obstacles[0] (box)")
     numbers = np.arange(50)
     at, _ = CarryCourse(world, carried, joints.curve).intervals(numbers, 50)
-    cells = Cells(numbers, np.full(50, pair), np.zeros((50, 3)))
+    cells = PairCells(numbers, np.full(50, pair), np.zeros((50, 3)))
     need = no_need()
     bound, _ = Level(world, at, cells, numbers, need).bounds()
     assert bound.min() > need.upper[world.kind[pair]] - 0.02  # m, in 0.2 s of a hand that moves at 0.15 m/s

@@ -72,8 +72,8 @@ class Limits:
         pace : number of durations that the movement takes
         """
         finite = [(order, share * value) for order, share, value in self._finite()]
-        orders, scales = np.array([o for o, _ in finite], dtype=np.int64), np.array([v for _, v in finite])
-        return LinearLimits(self.n_dims, hands, moves, orders, scales, pace)
+        orders, values = np.array([o for o, _ in finite], dtype=np.int64), np.array([v for _, v in finite])
+        return LinearLimits(self.n_dims, hands, moves, orders, values, pace)
 
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
         """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""
@@ -123,6 +123,7 @@ class LinearLimits(NamedTuple):
         )
 
 
+# Coefficients of first, second and third differences.
 STENCILS = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
 
 
@@ -138,7 +139,7 @@ def _stencil(order, row, n_samples):
 
 @kernel
 def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
-    """Return what `LinearLimits.cuts` does."""
+    """Return rows and bounds of `LinearLimits.cuts`."""
     (n_samples, width), n_columns, n_basis = hands.shape, slopes.shape[2], shape.shape[1]
     there, rates = hands.copy(), np.empty((orders.shape[0], n_samples - 1, width))
     for s in range(n_samples):

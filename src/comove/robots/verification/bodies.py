@@ -57,7 +57,7 @@ OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
 }
 
 
-class Body(NamedTuple):
+class CollisionBody(NamedTuple):
     """A body and what is known of its shape.
 
     Attributes
@@ -72,12 +72,12 @@ class Body(NamedTuple):
     item: Any
     name: str
     solid: Solid
-    hull: Body | None = None
+    hull: CollisionBody | None = None
     is_convex: bool = False
 
 
-class Links(NamedTuple):
-    """What no scene changes of a robot's links and of their hulls, which follow them.
+class LinkBodies(NamedTuple):
+    """The bodies of a robot's links and of their hulls, which follow them; no scene changes these.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Links(NamedTuple):
     solids : the bodies as kernels take them
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[CollisionBody, ...]
     pairs: Integers
     joint: Integers
     reach: Array
@@ -100,7 +100,7 @@ class Links(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def links_of(robot: Robot) -> Links:
+def links_of(robot: Robot) -> LinkBodies:
     """Return the links of a robot."""
     geometry, bases = robot.collision, Bases(robot, robot.description.uncertainty)
     links = [_body(item, robot.model.frames[item.parentFrame].name) for item in geometry.geometryObjects]
@@ -111,7 +111,7 @@ def links_of(robot: Robot) -> Links:
         for k, body in zip(joint.tolist(), bodies, strict=True)
     ]
     pairs = np.array([(p.first, p.second) for p in geometry.collisionPairs], dtype=np.int64).reshape(-1, 2)
-    return Links(
+    return LinkBodies(
         bodies,
         pairs[joint[pairs[:, 0]] != joint[pairs[:, 1]]],
         joint,
@@ -124,17 +124,17 @@ def links_of(robot: Robot) -> Links:
 
 
 @lru_cache(maxsize=4)
-def _obstacles(scene: Scene) -> tuple[Body, ...]:
+def _obstacles(scene: Scene) -> tuple[CollisionBody, ...]:
     """Return the obstacles of a scene, as they are in its file."""
     names = [scene.name_of(i) for i in range(len(scene.file.obstacles))]
     return tuple(_body(obstacle_object(scene, i, name, -scene.begins), name) for i, name in enumerate(names))
 
 
-def _body(item: Any, name: str) -> Body:
+def _body(item: Any, name: str) -> CollisionBody:
     """Return a body, with its hull where it is a mesh."""
     hull, is_convex = _hull_of(item)
-    body = None if hull is None else Body(hull, name, solid_of(hull))
-    return Body(item, name, solid_of(item), body, is_convex)
+    body = None if hull is None else CollisionBody(hull, name, solid_of(hull))
+    return CollisionBody(item, name, solid_of(item), body, is_convex)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ class Bodies:
     """
 
     robot: Robot
-    bodies: tuple[Body, ...]
+    bodies: tuple[CollisionBody, ...]
     joint: Integers
     ends: Integers
     kind: Integers
@@ -408,7 +408,7 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
 
 
 def _with_hulls(
-    bodies: list[Body], hulls: Mapping[int, int], ends: Integers, kind: Integers
+    bodies: list[CollisionBody], hulls: Mapping[int, int], ends: Integers, kind: Integers
 ) -> tuple[Integers, Integers, Integers]:
     """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs, with their kinds;
     and `Bodies.exact`.

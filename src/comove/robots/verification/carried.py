@@ -56,8 +56,8 @@ class LoadMotion(Protocol):
         """Compute the positions of the nodes; array, shape (n_steps, n_nodes, 3) [m]."""
 
 
-class Held(NamedTuple):
-    """Where hands hold a load; rotations and spins are None where the scene has no grasp.
+class HeldPlaces(NamedTuple):
+    """The places at which hands hold a load; rotations and spins are None where the scene has no grasp.
 
     Attributes
     ----------
@@ -98,11 +98,11 @@ class Carried:
         q, _, _ = self.motion.at(time / self.motion.scene.duration)
         return self.motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
 
-    def hands(self, time: Array) -> Held:
+    def hands(self, time: Array) -> HeldPlaces:
         """Compute where the hands hold the load, at instants, array of shape (n_steps,) [s]."""
         scene, (nodes, velocity, _) = self.motion.scene, self._motion(time)
         n_hands, grasp = len(scene.manipulators), scene.grasp
-        found = Held(nodes[:, :n_hands], velocity[:, :n_hands], None, None)
+        found = HeldPlaces(nodes[:, :n_hands], velocity[:, :n_hands], None, None)
         if grasp is None:
             return found
         spin = grasp.spins(nodes, velocity[..., None])[..., 0]

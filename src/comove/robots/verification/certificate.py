@@ -48,8 +48,8 @@ from comove.robots.verification.kinematics import joint_placements
 from comove.robots.verification.slabs import (
     MEASURE,
     OPEN,
+    BoundTargets,
     Intervals,
-    Need,
     bound_cells,
     changes,
     distances_of_balls,
@@ -165,7 +165,7 @@ class CarryCourse:
         )
 
 
-class Cells(NamedTuple):
+class PairCells(NamedTuple):
     """Pairs during time intervals, all of a pair one after the other.
 
     Attributes
@@ -180,7 +180,7 @@ class Cells(NamedTuple):
     normal: Array
 
     @classmethod
-    def first(cls, bodies: Bodies, parts: int) -> Cells:
+    def first(cls, bodies: Bodies, parts: int) -> PairCells:
         """Return the cells of all pairs in the first intervals, of rough pairs where there are such; one cell for
         pairs that never move.
         """
@@ -192,10 +192,10 @@ class Cells(NamedTuple):
         number = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
         return cls(number, pair, np.zeros((len(pair), 3)))
 
-    def divided(self, chosen: Integers) -> Cells:
+    def divided(self, chosen: Integers) -> PairCells:
         """Return the quarters of the chosen cells."""
         number = (4 * self.number[chosen, None] + np.arange(4)).ravel()
-        return Cells(number, np.repeat(self.pair[chosen], 4), np.repeat(self.normal[chosen], 4, axis=0))
+        return PairCells(number, np.repeat(self.pair[chosen], 4), np.repeat(self.normal[chosen], 4, axis=0))
 
 
 def certify(
@@ -217,7 +217,7 @@ def certify(
         once a pair is known to violate it. With all of it, no clearance is computed that need not be: convex hulls
         suffice where they keep what is required
     """
-    need = Need(
+    need = BoundTargets(
         bodies.required,
         np.full(3, np.inf),
         np.full(3, -1, dtype=np.int64),
@@ -228,7 +228,7 @@ def certify(
     )
     course, cells, parts = (
         CarryCourse(bodies, carried, curve),
-        Cells.first(bodies, settings.parts),
+        PairCells.first(bodies, settings.parts),
         settings.parts,
     )
     lower, when, computed = np.full(3, np.inf), np.zeros(3), 0
@@ -270,9 +270,9 @@ class Level:
 
     bodies: Bodies
     at: Intervals
-    cells: Cells
+    cells: PairCells
     row: Integers
-    need: Need
+    need: BoundTargets
 
     def begin(self, few: int) -> None:
         """Compute the distances of the `few` cells of each kind whose balls are nearest to each other."""

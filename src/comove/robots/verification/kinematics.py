@@ -162,7 +162,7 @@ class Bases:
         return base, float(self.pulls(np.full(len(places), base), places, 0.0).max())
 
 
-class Tree(NamedTuple):
+class JointTree(NamedTuple):
     """Joints of a model as kernels take them, the universe first.
 
     Attributes
@@ -187,7 +187,7 @@ class Tree(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def tree_of(robot: Robot) -> Tree:
+def tree_of(robot: Robot) -> JointTree:
     """Return the joints of a robot as kernels take them."""
     model: Any = robot.model
     reaches = reaches_of(robot)
@@ -198,7 +198,7 @@ def tree_of(robot: Robot) -> Tree:
     cross = np.zeros((len(axis), 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]], cross[:, [1, 2, 0], [2, 0, 1]] = axis, -axis
     cross[slides] = 0.0
-    return Tree(
+    return JointTree(
         np.array(model.parents, dtype=np.int64),
         columns,
         turn,
@@ -264,7 +264,7 @@ def joint_motions(robot: Robot, q: Array, rates: Array) -> tuple[Array, Array, A
 
 
 @kernel
-def _moved(tree: Tree, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
+def _moved(tree: JointTree, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
     """Return what `joint_motions` does."""
     n_steps, n_rates, n_frames = q.shape[0], rates.shape[0], tree.parents.shape[0]
     turns, places = np.empty((n_steps, n_frames, 3, 3)), np.zeros((n_steps, n_frames, 3))
@@ -353,7 +353,7 @@ def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, b
 
 
 @kernel
-def _driven(tree: Tree, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
+def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
     """Return what `inverse_dynamics` does; all vectors are in the frames of their joints."""
     n_frames, result = tree.parents.shape[0], np.empty(q.shape)
     turn, arm, axis = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3)), np.empty((n_frames, 3))

@@ -141,7 +141,7 @@ class Intervals(NamedTuple):
     half: float
 
 
-class Need(NamedTuple):
+class BoundTargets(NamedTuple):
     """Bounds that suffice, and the least distances on which they depend.
 
     Attributes
@@ -167,7 +167,7 @@ class Need(NamedTuple):
 
 
 @kernel
-def enough(need: Need, kind: int) -> float:
+def enough(need: BoundTargets, kind: int) -> float:
     """Return the bound that suffices for pairs of a kind [m]."""
     if need.slack > 0.0:
         for k in range(3):
@@ -393,7 +393,7 @@ def _along(
 
 @kernel
 def measured(
-    solids: Solids, pairs: Pairs, at: Intervals, row: int, pair: int, normal: Array, need: Need
+    solids: Solids, pairs: Pairs, at: Intervals, row: int, pair: int, normal: Array, need: BoundTargets
 ) -> tuple[float, float]:
     """Return what `apart` does, in the middle of an interval; the distance, less what is taken, is noted.
 
@@ -432,7 +432,7 @@ def begin_normal(centers: Array, pairs: Pairs, at: Intervals, row: int, pair: in
 
 @kernel
 def measure_cells(
-    solids: Solids, pairs: Pairs, at: Intervals, row: Integers, pair: Integers, need: Need
+    solids: Solids, pairs: Pairs, at: Intervals, row: Integers, pair: Integers, need: BoundTargets
 ) -> NDArray[np.bool_]:
     """Note the distances of convex bodies; returns which cells are left to coal, array of shape (n_cells,)."""
     centers, left, normal = (
@@ -456,7 +456,7 @@ def bound_cells(
     row: Integers,
     pair: Integers,
     normals: Array,
-    need: Need,
+    need: BoundTargets,
     state: Integers,
     bound: Array,
 ) -> None:

@@ -64,7 +64,7 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """What is drawn of a solution; it can be sent to another process.
+    """The contents of a solution's pictures, which can be sent to another process.
 
     Attributes
     ----------
