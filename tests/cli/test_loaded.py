@@ -114,3 +114,8 @@ def test_a_search_loads_neither_what_draws_nor_what_compiles(tmp_path):
 @pytest.mark.parametrize("words", [["--help"], ["solve", "--help"], ["--version"]])
 def test_help_loads_no_numbers(words):
     assert not {"numpy", "numba", "comove.model"} & {*loaded(*words)}
+
+
+def test_recordings_are_named_in_a_process_that_has_read_none(tmp_path):
+    """Formats are loaded on first use, which names such as lasa:SHAPE:all come before."""
+    loaded("learn", "lasa:Sine:all", "--out", tmp_path / "sine.json")

@@ -112,10 +112,12 @@ def read_several(
 
 def _spelt_out(names: Sequence[str]) -> list[str]:
     """Return the names with every folder replaced by its files, and lasa:SHAPE:all by the seven recordings."""
+    from comove.dmp.demonstrations.formats.lasa import N_DEMOS
+
     spelt: list[str] = []
     for named in names:
         if named.startswith(LASA) and named.endswith(ALL):
-            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(formats.lasa.N_DEMOS)]
+            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(N_DEMOS)]
         elif is_several(named):
             inner = sorted(p for p in Path(named).iterdir() if p.name[0] != "." and formats.is_format(p))
             if not inner:

@@ -9,11 +9,13 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import PPoly
 
 from comove.errors import OptionError
 from comove.model import Scene
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
+from comove.robots.transfers import _Still
 from comove.robots.verification import bodies
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
@@ -388,3 +390,24 @@ def test_settings_that_would_let_the_certificate_say_nothing_are_refused(name, v
     with pytest.raises(OptionError) as refused:
         JointCertificateSettings(**{name: value})
     assert refused.value.key == name
+
+
+@pytest.mark.parametrize("link", ["collision_head_link_1_0", "left_lower_forearm_0", "right_upper_elbow_0"])
+def test_a_load_put_down_in_a_link_is_met_there(link):
+    """As in an approach, whose bodies have their places: coal, which measures what is in each other, finds it in one
+    place only.
+    """
+    motion, joints = known_carry()
+    carried, robot = Carried(motion), baxter()
+    q, hands = joints.curve(0.0), motion.hands(np.linspace(0, 1, 50))[0]
+    world = bodies_of(Bases(robot, Uncertainty()), robot.arms, carried, hands, 0.0, held=False)
+    data, placed = robot.model.createData(), robot.collision.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.collision, placed, q)
+    middle = placed.oMg[robot.collision.getGeometryId(link)].translation
+    nodes = carried.nodes(np.zeros(1))[0]
+    place = nodes - nodes.mean(axis=0) + middle
+    stands = PPoly(np.concatenate([np.zeros((3, 1, len(q))), q[None, None]]), np.array([0.0, 1.0]))
+    there, moved = (certify(w, _Still(place), stands)[LOAD] for w in (world.placed_at(place), world))
+    assert there == moved
+    assert there.upper < -0.05
+    assert world.name(there.pair).startswith(link.removesuffix("_0"))

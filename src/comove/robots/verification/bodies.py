@@ -250,13 +250,13 @@ class Bodies:
     @cached_property
     def solids(self) -> Solids:
         """Return the bodies as kernels take them."""
-        links, placed, here = links_of(self.robot), set(self.moving.body.tolist()), pin.SE3.Identity()
-        n_own = len(links.bodies)
-        others = [
-            solid_of(body.item, here) if k in placed else body.solid
-            for k, body in enumerate(self.bodies[n_own:], start=n_own)
+        links, here = links_of(self.robot), pin.SE3.Identity()
+        frames, others = self.frame[len(links.bodies) :], self.bodies[len(links.bodies) :]
+        solids = [
+            body.solid if frame < self.robot.model.njoints else solid_of(body.item, here)
+            for frame, body in zip(frames, others, strict=True)
         ]
-        return links.solids.with_others(Solids.of(self.frame[n_own:], others)) if others else links.solids
+        return links.solids.with_others(Solids.of(frames, solids)) if solids else links.solids
 
     @cached_property
     def pairs(self) -> Pairs:
