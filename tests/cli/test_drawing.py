@@ -53,8 +53,19 @@ def test_both_processes_draw_the_same(solved, monkeypatch, two_cores):
 def test_a_process_that_dies_costs_the_pictures_alone(solved, monkeypatch, two_cores):
     monkeypatch.setattr(pictures, "drawn", works.kill)
     folder, outcome = solved("out")
-    assert "no pictures were drawn, as the process that draws them was killed" in outcome.stderr
+    assert "pictures could not be drawn (the process that draws them was killed)" in outcome.stderr
     assert outcome.stderr.count("\n") == 1 and "pictures" not in outcome.stdout
+    assert not drawn_in(folder)
+
+
+def test_what_fails_while_this_process_draws_costs_the_pictures_alone(solved, monkeypatch):
+    def failing(_):
+        raise ValueError("no colours")
+
+    monkeypatch.setenv(ALONE, "1")
+    monkeypatch.setattr(pictures, "drawn", failing)
+    folder, outcome = solved("out")
+    assert "pictures could not be drawn (ValueError: no colours)" in outcome.stderr
     assert not drawn_in(folder)
 
 

@@ -11,7 +11,7 @@ import pytest
 from comove.compiled import finished as notes
 from comove.compiled.counting import shown_by
 from comove.planning import SceneKind, warming
-from comove.planning.warming import JOBS, Job, require, unfinished
+from comove.planning.warming import JOBS, WarmUpJob, require, unfinished
 from comove.processes import ALONE
 from tests.solved import example
 
@@ -23,18 +23,18 @@ def jobs(tmp_path, monkeypatch):
     """Two jobs that take no time, a third that dies and a fourth that fails, and nothing that is finished."""
 
     def job(name, *arguments):
-        return Job(f"{WORKS}:{name}", dict(arguments), 1)
+        return WarmUpJob(f"{WORKS}:{name}", dict(arguments), 1)
 
     made = {
         "one": job("note", ("folder", str(tmp_path)), ("name", "one")),
         "other": job("note", ("folder", str(tmp_path)), ("name", "other")),
         "dying": job("kill", ("number", 1)),
         "failing": job("failing", ("number", 1)),
-        "impossible": Job(f"{WORKS}:note", needs=("no_such_module",)),
+        "impossible": WarmUpJob(f"{WORKS}:note", needs=("no_such_module",)),
     }
     monkeypatch.delenv(ALONE)
     monkeypatch.setattr(warming, "JOBS", made)
-    monkeypatch.setattr(warming, "_here", set())
+    monkeypatch.setattr(warming, "_tried", set())
     monkeypatch.setattr(warming, "_Work", Directly)
     monkeypatch.setattr(notes, "folder", lambda: tmp_path)
     monkeypatch.setattr(warming, "folder", lambda: tmp_path)
@@ -51,7 +51,7 @@ class Directly:
     def __call__(self, name):
         """Solve one as a process of a warm-up does."""
         home, arguments = self.jobs[name]
-        Job(home, arguments).solve()
+        WarmUpJob(home, arguments).solve()
 
 
 def noted(folder):
@@ -92,11 +92,20 @@ def test_a_command_shows_it_and_leaves_the_rest_to_the_background(jobs):
     assert (jobs / "rest").exists()
 
 
+def test_processes_that_cannot_be_started_end_no_search(jobs, monkeypatch):
+    def refused(*_, **__):
+        raise OSError("no more processes")
+
+    monkeypatch.setattr(warming, "run_tasks", refused)
+    require("one")
+    assert not notes.finished()
+
+
 def test_without_helpers_this_process_solves_them(jobs, monkeypatch):
     monkeypatch.setenv(ALONE, "1")
-    require("one")
+    require("one", "failing")
     assert (jobs / "one.note").read_text() == str(os.getpid())
-    assert notes.finished() == {"one"}
+    assert notes.finished() == {"one", "failing"}
 
 
 def test_where_nothing_can_be_kept_nothing_is_solved(jobs, monkeypatch):
@@ -113,6 +122,8 @@ def test_notes_that_are_damaged_or_of_other_sources_say_nothing(jobs, damaged):
     (file,) = jobs.glob("comove_kernels.*.json")
     assert json.loads(file.read_text())["finished"] == ["one"]
     file.write_text(damaged)
+    assert not notes.finished()
+    file.write_text(json.dumps({"sources": notes._sources(), "finished": 1}))
     assert not notes.finished()
     notes.finish("other")
     assert notes.finished() == {"other"}
@@ -132,19 +143,22 @@ from comove.planning import SceneKind, load_kernels
 from comove.compiled.counting import compiling
 from comove.planning.warming import require
 
-scene = Scene.load(comove.__path__[0] + "/examples/%s.yaml")
-load_kernels(SceneKind.of(scene))
+scenes = [Scene.load(f"{comove.__path__[0]}/examples/{name}.yaml") for name in %r]
+for scene in scenes:
+    load_kernels(SceneKind.of(scene))
 require("executions")
-with compiling(print):
-    assert comove.solve(scene, robot=False, budget=60).verified
-    if scene.is_timed:
-        comove.Executor(scene, robot=False).run(0.2)
+for scene in scenes:
+    with compiling(print):
+        assert comove.solve(scene, robot=False, budget=60).verified
+        if scene.is_timed:
+            comove.Executor(scene, robot=False).run(0.2)
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["narrow", "window", "turning", "triangle", "complex"])
-def test_no_kernel_is_missing_after_its_jobs(name):
-    command = [sys.executable, "-c", MISSING % name]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+def test_no_kernel_is_missing_after_its_jobs(tmp_path):
+    """From an empty cache: from that of other tests, whatever they compiled would be loaded."""
+    command = [sys.executable, "-c", MISSING % (["narrow", "window", "turning", "triangle", "complex"],)]
+    empty = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1200, env=empty)
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr

@@ -28,7 +28,12 @@ def drawing_ahead(wanted: bool) -> Iterator[Drawer | None]:
     if not wanted or not sys.executable or ALONE in os.environ or n_processors() < 2:
         yield None
         return
-    with Ahead(drawn) as drawer:
+    try:
+        ahead = Ahead(drawn)
+    except OSError:  # no more processes: the pictures are drawn here
+        yield None
+        return
+    with ahead as drawer:
         yield drawer
 
 
@@ -42,16 +47,21 @@ def add_pictures(pictures: Pictures, folder: Path, identity: int, drawer: Drawer
     from comove.io.folders import add_files
     from comove.view.figures.pictures import drawn
 
+    made, reason = None, ""
     if drawer is None:
-        add_files(folder, drawn(pictures), identity)
-        return
-    found = drawer.work_on(pictures)
-    if found.made is not None:
-        add_files(folder, found.made, identity)
+        try:
+            made = drawn(pictures)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+    else:
+        found = drawer.work_on(pictures)
+        made, reason = found.made, found.error or "the process that draws them was killed"
+    if made is not None:
+        add_files(folder, made, identity)
         return
     warnings.warn(
-        f"{folder}: no pictures were drawn, as {found.error or 'the process that draws them was killed'}; the result "
-        "is whole without them: give the command once more for pictures, or with --no-pictures",
+        f"{folder}: pictures could not be drawn ({reason}); the result is complete: give the command once more for "
+        "pictures, or with --no-pictures",
         ComoveWarning,
         stacklevel=2,
     )

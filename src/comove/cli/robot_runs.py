@@ -63,7 +63,6 @@ def run_joints(
     from comove.io.folders import check_target, whole_folder
     from comove.model.resting import require_no_rest
     from comove.planning import SceneKind
-    from comove.planning.warming import require
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
@@ -95,8 +94,7 @@ def run_joints(
     hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
         require_no_rest(loaded.require_free_ends())
-        load_robot_kernels(SceneKind.of(loaded))
-        require("robot executions")
+        load_robot_kernels(SceneKind.of(loaded), "robot executions")
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None
         if how.perturbed is not None:

@@ -196,14 +196,14 @@ def solve(
                 pictures=False,
             )
             identity = identity_of(draft)
-        if not json:
+        if json:
+            print((out / "solution.json").read_text(encoding="utf-8"), end="", flush=True)
+        else:
             _say_solution(solution, summary, out, loaded, f"{named} of {library}" if named else "")
         if not no_pictures:
             drawn = movements if arms or not smooth or solution.followed is not None else None
             add_pictures(Pictures.of(solution, drawn), out, identity, drawer)
-    if json:
-        print((out / "solution.json").read_text(encoding="utf-8"), end="")
-    elif rows := in_rows(pictures_row(out, "motion", "progress", "joints")):
+    if not json and (rows := in_rows(pictures_row(out, "motion", "progress", "joints"))):
         say(*rows)
     return exit_code(solution)
 

@@ -327,8 +327,8 @@ class KernelCache(FunctionCache):
             yield
         finally:
             while len(self._turns) > before:
-                file, byte = self._turns.pop()
-                with suppress(OSError):
+                with suppress(OSError, IndexError):  # of another thread
+                    file, byte = self._turns.pop()
                     fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)  # type: ignore[union-attr]
 
     def save_overload(self, sig: Any, data: Any) -> None:

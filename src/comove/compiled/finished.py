@@ -1,4 +1,4 @@
-"""What has been compiled completely, noted beside the compiled functions, so that nobody looks for it again.
+"""Notes of the jobs whose kernels are all compiled, kept beside the compiled functions.
 
 A note holds for one installation: one version of Python, of numba and of the sources, and one kind of processor.
 Where notes cannot be written, or compiled functions are lost, they are compiled when they are first called.
@@ -26,13 +26,12 @@ FILE = "comove_kernels.{}.json"  # by installation; one stays
 
 
 def finished() -> frozenset[str]:
-    """Return what has been compiled completely; nothing where that is not known."""
+    """Return the names of the finished jobs; none where no note can be read."""
     try:
         noted = json.loads(_file().read_text(encoding="utf-8"))
-    except (OSError, ValueError, TypeError):
+        return frozenset(map(str, noted["finished"])) if noted["sources"] == _sources() else frozenset()
+    except (OSError, ValueError, TypeError, KeyError):
         return frozenset()
-    is_whole = isinstance(noted, dict) and noted.get("sources") == _sources()
-    return frozenset(map(str, noted["finished"])) if is_whole else frozenset()
 
 
 def finish(*names: str) -> None:

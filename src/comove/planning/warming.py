@@ -18,14 +18,14 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
+from comove.compiled.cache import fcntl
 from comove.compiled.counting import WarmUp, compiling, displays
 from comove.compiled.finished import finish, finished, folder
+from comove.errors import OptionError
 from comove.processes import ALONE, n_processors, run_tasks
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
 LOCK = "comove_warm_up.lock"
 
 
@@ -73,24 +73,30 @@ JOBS: dict[str, WarmUpJob] = {
 }
 
 
-_here: set[str] = set()
+_tried: set[str] = set()
 
 
 def require(*names: str) -> None:
-    """Wait until jobs are finished; at once where nothing that is compiled can be kept."""
-    missing = [name for name in names if name not in finished()]
+    """Wait until jobs are finished, or were tried in this process.
+
+    Nothing is waited for where compiled kernels cannot be kept. The kernels of a job that fails, or of processes that
+    cannot be started, are compiled when they are first called.
+    """
+    done = _tried | finished()
+    missing = [name for name in names if name not in done]
     if not missing or folder() is None:
         return
-    if ALONE in os.environ or not sys.executable:
+    _tried.update(missing)  # before, as a job may solve a problem that requires it
+    if ALONE in os.environ or not sys.executable or fcntl is None:
         for name in missing:
-            if name not in _here:
-                _here.add(name)  # before, as a job may solve a problem that requires it
+            with suppress(Exception):
                 JOBS[name].solve()
-                finish(name)
+            finish(name)
         return
-    warm_up(missing)
-    if displays and unfinished():
-        _go_on_in_background()
+    with suppress(OSError, OptionError):
+        warm_up(missing)
+        if displays and unfinished():
+            _go_on_in_background()
 
 
 def _go_on_in_background() -> None:
@@ -101,7 +107,8 @@ def _go_on_in_background() -> None:
 
 def unfinished() -> list[str]:
     """Return the jobs that are possible and not finished."""
-    return [name for name, job in JOBS.items() if name not in finished() and job.is_possible]
+    done = finished()
+    return [name for name, job in JOBS.items() if name not in done and job.is_possible]
 
 
 def warm_up(names: list[str]) -> None:
@@ -138,11 +145,7 @@ class _Work:
 def main() -> None:
     """Finish all jobs in the background; one process does so at a time."""
     place = folder()
-    if place is None:
-        return
-    try:
-        import fcntl
-    except ImportError:  # no Unix: what is missing is compiled when it is needed
+    if place is None or fcntl is None:  # no Unix: what is missing is compiled when it is needed
         return
     with suppress(OSError), open(place / LOCK, "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

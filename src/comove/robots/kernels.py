@@ -27,9 +27,14 @@ STAND_IN: dict[str, Any] = {
 }
 
 
-def load_robot_kernels(kind: SceneKind) -> None:
-    """Wait until all kernels that are needed to solve scenes of a kind for robots are compiled, as `load_kernels`."""
-    require("robot motions", "robot plans, moving" if kind.moving else "robot plans", *kind.jobs)
+def load_robot_kernels(kind: SceneKind, *more: str) -> None:
+    """Wait until all kernels that are needed to solve scenes of a kind for robots are compiled, as `load_kernels`.
+
+    Parameters
+    ----------
+    more : names of further jobs
+    """
+    require(*more, "robot motions", "robot plans, moving" if kind.moving else "robot plans", *kind.jobs)
 
 
 def follow() -> None:

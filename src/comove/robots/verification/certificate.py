@@ -323,7 +323,9 @@ def _placed(bodies: Bodies, pair: int, turns: Array, places: Array) -> tuple[lis
     for body in bodies.ends[pair].tolist():
         frame, item = bodies.frame[body], bodies.bodies[body].item
         place = pin.SE3(turns[frame], places[frame])
-        if frame < bodies.robot.model.njoints:  # other frames are those of bodies, not of what they are fixed to
+        if (
+            frame < bodies.robot.model.njoints
+        ):  # other frames are those of bodies, not of what they are fixed to
             place = place * item.placement
         shapes.append(item.geometry)
         placed.append(place)

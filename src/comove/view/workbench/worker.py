@@ -319,8 +319,7 @@ class Worker:
             if self.kept is None:
                 raise OptionError("the scene leaves its duration open", way_out="wait for a verified motion")
             scene = with_limits(scene).timed(self.kept.scene.duration)
-        load_kernels(SceneKind.of(scene))
-        require("executions")
+        require(*SceneKind.of(scene).jobs, "executions")
 
         run = run_live(
             scene,
