@@ -68,7 +68,7 @@ def load_kernels(kind: SceneKind) -> None:
 def plan_in(n_dims: int, moving: bool = False) -> None:
     """Plan in a small scene, by all planners, and make the path a motion."""
     kind = SceneKind(n_dims, moving)
-    Quick(n_ways=1).run(_stand_in(kind), planner=True)
+    Quick(n_ways=2).run(_stand_in(kind), planner=True)  # the second path is compared with the first motion
     if n_dims == 3:
         _search_by_forest(_stand_in(kind))
 
@@ -130,6 +130,7 @@ def small_scene(kind: SceneKind, **more: Any) -> Scene:
                 "duration": 1.0,
                 "workspace": {"lower": [0.0] * kind.n_dims, "upper": [1.0] * kind.n_dims},
                 "obstacles": obstacles,
+                "limits": {"speed": 10.0},
                 "load": load,
                 "constraints": [{"type": "upright"}] if kind.n_dims == 3 else [],
                 "manipulators": [

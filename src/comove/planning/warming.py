@@ -1,7 +1,7 @@
 """The warm-up: small problems that need every kernel, solved once after installation by processes on all cores.
 
 A job is such a problem, solved by the code that users call, so that nothing lists kernels. A new kind of problem is a
-function that solves a small one, and a line in `JOBS`. Whoever needs a job that is not finished waits for it; the
+function that solves a small one, and a line in `JOBS`. A search waits for the unfinished jobs that it needs; the
 others are finished in the background. A kernel that no job needs is compiled when it is first called.
 """
 

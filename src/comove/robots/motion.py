@@ -191,6 +191,8 @@ def _fastest_approach(
         if not worst * (1.0 + 1e-12) < found < np.inf:
             break
         worst, joint, when = found, at, time
+    else:  # not converged: `worst` may be too small
+        return np.inf, joint, when
     return (found, at, time) if found > worst else (worst, joint, when)
 
 

@@ -1,5 +1,6 @@
 """Convex bodies come no nearer to each other than along whatever direction their slabs are measured."""
 
+import re
 from functools import lru_cache
 
 import coal
@@ -9,16 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from comove.errors import ComoveWarning
 from comove.model import Scene
 from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
-from comove.robots.verification.bodies import LOAD, bodies_of, distance_of, solid_of
+from comove.robots.verification.bodies import LOAD, bodies_of, distance_of, links_of, solid_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import CarryCourse, Level, PairCells
 from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.slabs import CORE, FINE, ROUGH, BoundTargets, Solids, _bulge, _reach, apart
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
+from tests.robots.test_model import load, two_joints
 
 BALL = {"shape": "ellipsoid", "center": [0.7, 0.6, 0.7], "radii": [0.1, 0.2, 0.05]}
 ROUND = {"shape": "capsule", "center": [0.7, -0.6, 0.7], "radius": 0.05, "length": 0.3}
@@ -147,11 +150,11 @@ def test_no_pair_comes_nearer_than_bound(seed):
 @examples(8)
 @given(st.integers(0, 2**32 - 1))
 def test_no_points_stray_from_their_chords_further_than_bound(seed):
-    """Any two points of the balls of two bodies, or of the load, along any direction; joints turn evenly or rest."""
+    """Any two points of the balls of two bodies, or of the load, along any direction; joints gain speed, or rest."""
     (world, carried), rng, robot = bodies(), np.random.default_rng(seed), baxter()
     away = rng.uniform(-1.0, 1.0, 14) * (rng.random(14) < rng.choice([0.0, 0.2, 1.0]))
     time = np.linspace(0.0, 10.0, 41)
-    motion = JointMotion(time, robot.joint_names, robot.home + time[:, None] / 10.0 * away)
+    motion = JointMotion(time, robot.joint_names, robot.home + (time[:, None] / 10.0) ** 2 * away)
     course, parts, solids = CarryCourse(world, carried, motion.curve), 8, world.solids
     at, when = course.intervals(np.array([3]), parts)
     inner = np.linspace(*when[at.knot[0, :2]], 9)
@@ -190,3 +193,12 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     assert bound.min() > need.upper[world.kind[pair]] - 0.02  # m, in 0.2 s of a hand that moves at 0.15 m/s
     knots = np.searchsorted(joints.time, np.linspace(0.5, 9.5, 50))
     assert 0.1 * (np.abs(joints.velocity[knots]) @ world.reach[pair, :14]).max() > 0.02
+
+
+def test_a_robot_without_collision_bodies_has_none(tmp_path):
+    text = re.sub("<collision>.*?</collision>", "", two_joints(), flags=re.DOTALL)
+    with pytest.warns(ComoveWarning):
+        robot = load(tmp_path, text)
+    links = links_of(robot)
+    assert not links.bodies
+    assert links.solids.points.shape == (3, 0) and links.solids.turn.shape == (0, 3, 3)

@@ -42,8 +42,8 @@ from comove.robots.verification.carried import Carried, leverage, load_shapes, p
 from comove.robots.verification.kinematics import Bases, common_joints, moved_by
 from comove.robots.verification.slabs import CYLINDER, ELLIPSOID, OTHER, POINTS, Pairs, Solid, Solids
 
-COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
-BURIED = 0.01  # m, deeper than what stands on something is in it by the tolerances of drawings
+COAL_ERROR = 1e-4  # m, taken from every distance for errors of coal and of GJK
+BURIED = 0.01  # m, depth up to which a link may be in its support, as tolerances of drawings
 SCENE, LOAD, SELF = range(3)
 HULL_OF = "hull of "  # before a body's name in that of its hull
 SCENE_ITSELF, LOAD_ALONE = -1, -2  # numbers for bodies that are on no base
@@ -256,7 +256,7 @@ class Bodies:
             body.solid if frame < self.robot.model.njoints else solid_of(body.item, here)
             for frame, body in zip(frames, others, strict=True)
         ]
-        return links.solids.with_others(Solids.of(frames, solids)) if solids else links.solids
+        return links.solids.with_others(Solids.of(frames, solids))
 
     @cached_property
     def pairs(self) -> Pairs:

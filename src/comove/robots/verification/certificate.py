@@ -55,17 +55,18 @@ from comove.robots.verification.slabs import (
     distances_of_balls,
     enough,
     measure_cells,
+    note,
 )
 
 
 @dataclass(frozen=True)
 class JointCertificateSettings:
-    """Settings of how far the certificate goes into time; none of them lets it say more than it knows.
+    """Settings of the certificate's resolution; every bound is sound with any of them.
 
     Attributes
     ----------
     parts : intervals in which the motion is looked at first
-    deepest : divisions of an interval into four, at most
+    deepest : levels, each of which divides the intervals of the level before into four, at most
     tight : how far a bound may stay below the clearance [m]
     loose : likewise where the clearance is too small anyway [m]
     most : cells that balls do not decide, at most; a bound that needs more stays as it stands, sound but lower
@@ -294,7 +295,7 @@ class Level:
         knot, bodies = int(self.at.knot[row, 1]), self.bodies
         placed = _placed(bodies, pair, self.at.turns[knot], self.at.places[knot])
         distance = distance_of(*placed) - float(bodies.taken[pair])
-        self.need.note(int(bodies.kind[pair]), pair, knot, distance)
+        note(self.need, bodies.kind[pair], pair, knot, distance)
         return distance
 
     def bounds(self) -> tuple[Array, int]:

@@ -1,8 +1,8 @@
 """Kernels that bound the distances of convex bodies during time intervals, by balls and by slabs.
 
 A slab between two convex bodies, perpendicular to a unit vector n, is as wide as their support functions say, and
-their distance is at least its width: whatever direction is tried, no bound is false. Directions come from the
-interval before, or from GJK (Gilbert, Johnson & Keerthi, 1988), which also tells the distance.
+their distance is at least its width. The bound holds for every direction. Directions come from the interval before,
+or from GJK (Gilbert, Johnson & Keerthi, 1988), which also tells the distance.
 """
 
 from __future__ import annotations
@@ -18,15 +18,12 @@ from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.distances import has_last_before, nearest_of_simplex
 
-POINTS, CYLINDER, ELLIPSOID, OTHER = range(
-    4
-)  # hulls of points with a radius, then along z, then along all axes
-OPEN, SEEN, MEASURE = range(
-    3
-)  # cells that are far enough by balls; that are bounded; whose bodies coal measures
-ROUGH, FINE, CORE = np.arange(
-    3
-)  # how exactly it is known how far bodies reach; literals have types of their own
+# Kinds: hulls of points with a radius, then along z, then along all axes, then what is not convex.
+POINTS, CYLINDER, ELLIPSOID, OTHER = range(4)
+# Cells: far enough by balls, bounded, and those whose bodies coal measures.
+OPEN, SEEN, MEASURE = range(3)
+# Accuracies of support functions; as literals they would have types of their own.
+ROUGH, FINE, CORE = np.arange(3)
 MAX_STEPS = 60  # of GJK; gaps are bounds of the distance after any of them
 NEAR = 5e-7  # m, by which gap and distance may differ when GJK ends
 ROUNDING = 1e-13  # m
@@ -75,19 +72,19 @@ class Solids(NamedTuple):
     @classmethod
     def of(cls, frame: Integers, solids: Sequence[Solid]) -> Solids:
         """Return bodies in frames, array of shape (n_bodies,)."""
-        kind, points, size, turn, place, center, radius = (list(x) for x in zip(*solids, strict=True))
+        kind, points, size, turn, place, center, radius = list(zip(*solids, strict=True)) or [()] * 7
         return cls(
             frame,
             np.array(kind, dtype=np.int64),
             np.cumsum([0, *(part.shape[1] for part in points)]),
-            np.ascontiguousarray(np.hstack(points)),
-            np.array(size),
-            np.array(turn),
-            np.array(place),
-            np.array(center),
-            np.array(radius),
-            np.array([part.min(axis=1, initial=np.inf) for part in points]),
-            np.array([part.max(axis=1, initial=-np.inf) for part in points]),
+            np.ascontiguousarray(np.hstack([np.empty((3, 0)), *points])),
+            np.array(size, dtype=float).reshape(-1, 3),
+            np.array(turn, dtype=float).reshape(-1, 3, 3),
+            np.array(place, dtype=float).reshape(-1, 3),
+            np.array(center, dtype=float).reshape(-1, 3),
+            np.array(radius, dtype=float),
+            np.array([part.min(axis=1, initial=np.inf) for part in points]).reshape(-1, 3),
+            np.array([part.max(axis=1, initial=-np.inf) for part in points]).reshape(-1, 3),
         )
 
     def with_others(self, others: Solids) -> Solids:
@@ -106,7 +103,7 @@ class Pairs(NamedTuple):
     ends : array, shape (n_pairs, 2), numbers of the bodies
     kind : array, shape (n_pairs,)
     common : array, shape (n_pairs,), frame of the last joint that moves both bodies, 0 for none
-    is_exact : array, shape (n_pairs,), whether no other pair is the exact one
+    is_exact : array, shape (n_pairs,), whether a pair is no rough substitute of another
     taken : array, shape (n_pairs,), by which the true distance may be less than the computed one [m]
     reach : array, shape (n_pairs, n_joints + 1 + n_moving), as in `Bodies`
     between : array, shape (n_pairs, n_joints), whether a joint moves one of the two only
@@ -122,7 +119,7 @@ class Pairs(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Time intervals of equal length, and what moves within them.
+    """Time intervals of equal length, with placements and bounds of rates.
 
     Attributes
     ----------
@@ -160,10 +157,12 @@ class BoundTargets(NamedTuple):
     tight: float
     loose: float
 
-    def note(self, kind: int, pair: int, knot: int, distance: float) -> None:
-        """Keep a distance if it is the least of its kind."""
-        if distance < self.upper[kind]:
-            self.upper[kind], self.pair[kind], self.knot[kind] = distance, pair, knot
+
+@kernel
+def note(need: BoundTargets, kind: int, pair: int, knot: int, distance: float) -> None:
+    """Keep a distance, less what is taken [m], if it is the least of its kind."""
+    if distance < need.upper[kind]:
+        need.upper[kind], need.pair[kind], need.knot[kind] = distance, pair, knot
 
 
 @kernel
@@ -221,7 +220,8 @@ def change(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
     """Bound how much a distance changes within half an interval [m]."""
     total = 0.0
     for j in range(pairs.reach.shape[1]):
-        total += pairs.reach[pair, j] * at.rates[row, j]
+        if pairs.reach[pair, j] != 0.0:  # a rate may be infinite that does not count
+            total += pairs.reach[pair, j] * at.rates[row, j]
     return at.half * total
 
 
@@ -408,9 +408,7 @@ def measured(
     for axis in range(3):
         normal[axis] = turn[0, axis] * there[0] + turn[1, axis] * there[1] + turn[2, axis] * there[2]
     if pairs.is_exact[pair] and distance > -np.inf:
-        kind = pairs.kind[pair]
-        if distance - pairs.taken[pair] < need.upper[kind]:
-            need.upper[kind], need.pair[kind], need.knot[kind] = distance - pairs.taken[pair], pair, knot
+        note(need, pairs.kind[pair], pair, knot, distance - pairs.taken[pair])
     return wide, distance
 
 

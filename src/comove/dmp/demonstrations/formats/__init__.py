@@ -1,4 +1,4 @@
-"""Formats of recordings: one file each, and the register of them, each loaded on first use."""
+"""Formats of recordings, a module each, and their register, which is loaded on first use."""
 
 from typing import TYPE_CHECKING
 
