@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from comove.view.figures.pictures import (
         Joints as Joints,
         Pictures as Pictures,
-        drawn as drawn,
     )
     from comove.view.figures.pipeline import (
         draw_pipeline as draw_pipeline,
@@ -63,7 +62,7 @@ __all__, __getattr__, __dir__ = lazily(
             "draw_side_by_side",
         ],
         "view.figures.notebooks": ["as_html"],
-        "view.figures.pictures": ["Joints", "Pictures", "drawn"],
+        "view.figures.pictures": ["Joints", "Pictures"],
         "view.figures.pipeline": ["draw_pipeline"],
         "view.figures.primitives": ["draw_library", "draw_primitive"],
         "view.figures.results": ["save_result"],

@@ -57,9 +57,7 @@ def png(figure: Figure, *, dpi: int = 110) -> bytes:
 
 def png_uri(figure: Figure, dpi: int) -> str:
     """Return a figure as the source of an image in HTML."""
-    picture = BytesIO()
-    figure.savefig(picture, format="png", dpi=dpi)
-    return f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}"
+    return f"data:image/png;base64,{base64.b64encode(png(figure, dpi=dpi)).decode('ascii')}"
 
 
 def save_picture(figure: Figure, path: Path) -> None:
