@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from comove.arrays import Array
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back
+from comove.contacts.rods import carried_distance
 from comove.contacts.surroundings import corner_of, count_corners, count_parts, radius_of, whose
 from comove.geometry.closest_points import near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import (
@@ -24,7 +25,6 @@ from comove.geometry.distances import (
     distance_and_gradient,
     nearest_on_segment,
     point_distance,
-    segment_distance,
 )
 from comove.geometry.solids import empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import near_on_surface, signed_distance
@@ -83,13 +83,10 @@ def least_distance(around, moved, instant, nodes, query, cap, floor):
             if ball_apart(around, thing, row, u, v, w) - reach > cutoff:
                 continue
             if part < n_rods and thing < n_rows:
-                i, j = around.edges[part, 0], around.edges[part, 1]
-                a, b, c = carried_back(moved, row, instant, nodes[i, 0], nodes[i, 1], nodes[i, 2])
-                u, v, w = carried_back(moved, row, instant, nodes[j, 0], nodes[j, 1], nodes[j, 2])
-                distance = segment_distance(
-                    around.obstacles, row, a, b, c, u, v, w, cutoff + radius, query.tolerance
-                )
-                distance -= radius + query.lowered
+                p, q, far = nodes[around.edges[part, 0]], nodes[around.edges[part, 1]], cutoff + radius
+                distance = carried_distance(
+                    around.obstacles, moved, row, instant, p, q, far, query.tolerance
+                ) - (radius + query.lowered)
             else:
                 distance = _large_distance(around, moved, instant, nodes, query, part, thing, cutoff)
             if noted:
@@ -164,14 +161,20 @@ def part_apart(around, moved, instant, nodes, part, thing, row, enough):
 
 
 @kernel(counted=False)
-def near_things(around, moved, instant, nodes, cutoff, near):
-    """Write the things that may be within `cutoff` [m] of any node into `near`; return their number."""
-    x, y, z, square, share, count = 0.0, 0.0, 0.0, 0.0, 1.0 / nodes.shape[0], 0
+def ball_about(nodes):
+    """Return centre and radius [m] of a ball that contains nodes; array, shape (n_nodes, 3)."""
+    x, y, z, square, share = 0.0, 0.0, 0.0, 0.0, 1.0 / nodes.shape[0]
     for i in range(nodes.shape[0]):
         x, y, z = x + share * nodes[i, 0], y + share * nodes[i, 1], z + share * nodes[i, 2]
     for i in range(nodes.shape[0]):
         square = max(square, (nodes[i, 0] - x) ** 2 + (nodes[i, 1] - y) ** 2 + (nodes[i, 2] - z) ** 2)
-    reach = sqrt(square)
+    return x, y, z, sqrt(square)
+
+
+@kernel(counted=False)
+def near_things(around, moved, instant, nodes, cutoff, near):
+    """Write the things that may be within `cutoff` [m] of any node into `near`; return their number."""
+    (x, y, z, reach), count = ball_about(nodes), 0
     for thing in range(near.shape[0]):
         row, _ = whose(around, thing)
         u, v, w = carried_back(moved, row, instant, x, y, z)

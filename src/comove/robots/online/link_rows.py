@@ -18,10 +18,12 @@ import numpy as np
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
+from comove.contacts.displaced import RESTING
+from comove.contacts.rods import near_enough, nearest_shares, rod_distance
 from comove.control.safety.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
 from comove.control.safety.limits import length_of
 from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
-from comove.geometry.closest_points import near_on_edge, solid_gradient
+from comove.geometry.closest_points import PLACE_TOLERANCE, near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH, points_apart
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
@@ -29,8 +31,6 @@ from comove.robots.search.links import (
     STATIC,
     clearance_between,
     load_clearances,
-    near_enough,
-    nearest_shares,
     place_links,
 )
 
@@ -325,21 +325,12 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
     nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
     """
-    links, around = arms.links, arms.around
-    for i in links.moving:
-        a, b, thick = start[i], end[i], links.radius[i]
-        for j in range(around.obstacles.shape[0]):
-            far = thick + needs.obstacle[j]
-            place = around.obstacles[j, CENTER : CENTER + 3]
-            if not near_enough(a, b, place, place, far + around.obstacles[j, REACH]):
-                continue
-            if near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far:
-                return False
-    least = max(needs.other, needs.still)
-    other, still = load_clearances(links, around, start, end, nodes, least)
-    if other < needs.other or still < needs.still:
-        return False
-    return clearance_between(links, start, end, needs.other) >= needs.other
+    left = needs.obstacle.copy()
+    other, still = _lowered(arms, start, end, nodes, arms.around.obstacles, left, needs.other, needs.still)
+    for j in range(left.shape[0]):
+        if left[j] < needs.obstacle[j]:
+            return False
+    return other >= needs.other and still >= needs.still
 
 
 @kernel
@@ -358,18 +349,32 @@ def clearances_along(
     -------
     array, shape (n_rows,), and two numbers [m]
     """
-    links, around = arms.links, arms.around
-    start, end = links.start.copy(), links.end.copy()
+    start, end = arms.links.start.copy(), arms.links.end.copy()
     obstacle, other, still = np.full(table.shape[0], clearance), clearance, clearance
     for t in range(joints.shape[0]):
-        place_links(arms.chains, links, joints[t], start, end)
-        for i in links.moving:
-            for j in range(table.shape[0]):
-                place, far = table[j, CENTER : CENTER + 3], obstacle[j] + links.radius[i] + table[j, REACH]
-                if near_enough(start[i], end[i], place, place, far):
-                    h = near_on_edge(table, j, start[i], end[i], np.inf)[0] - links.radius[i]
-                    obstacle[j] = min(obstacle[j], h)
-        moving, standing = load_clearances(links, around, start, end, nodes[t], clearance)
-        other, still = min(other, moving), min(still, standing)
-        other = clearance_between(links, start, end, other)
+        place_links(arms.chains, arms.links, joints[t], start, end)
+        other, still = _lowered(arms, start, end, nodes[t], table, obstacle, other, still)
     return obstacle, other, still
+
+
+@kernel
+def _lowered(
+    arms: Arms,
+    start: Array,
+    end: Array,
+    nodes: Array,
+    table: Array,
+    obstacle: Array,
+    other: float,
+    still: float,
+) -> tuple[float, float]:
+    """Lower clearances, named as in `LinkNeeds`, to those of placed links; returns the numbers."""
+    links, around = arms.links, arms.around
+    for i in links.moving:
+        p, q, thick = start[i], end[i], links.radius[i]
+        for j in range(table.shape[0]):
+            far = obstacle[j] + thick
+            apart = rod_distance(table, around.moved, j, RESTING, p, q, far, PLACE_TOLERANCE)
+            obstacle[j] = min(obstacle[j], apart - thick)
+    moving, standing = load_clearances(links, around, start, end, nodes, max(other, still))
+    return clearance_between(links, start, end, min(other, moving)), min(still, standing)

@@ -8,6 +8,7 @@ import numpy as np
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
+from comove.contacts.displaced import RESTING
 from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.search.chains import Chains, chains_of
@@ -120,7 +121,7 @@ def _clearances(
     enough, blocked = of
     least = np.full(q.shape[0], -np.inf)
     for k in range(q.shape[0]):
-        apart = clearance_at(chains, links, around, q[k], nodes, enough)
+        apart = clearance_at(chains, links, around, RESTING, q[k], nodes, enough)
         if apart <= blocked:
             break
         least[k] = apart
