@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
+
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back, shifted_back
 from comove.geometry.distances import CENTER, REACH, segment_distance
@@ -39,8 +41,8 @@ def carried_distance(table, moved, row, instant, p, q, cutoff, tolerance):
 
 @kernel(counted=False)
 def rods_distance(a, b, c, d, cutoff):
-    """Return the distance [m] of the rods a-b and c-d, at most `cutoff`."""
-    return min(cutoff, nearest_shares(a, b, c, d)[2]) if near_enough(a, b, c, d, cutoff) else cutoff
+    """Return the distance [m] of the rods a-b and c-d; where it is certainly above `cutoff`, infinity."""
+    return nearest_shares(a, b, c, d)[2] if near_enough(a, b, c, d, cutoff) else np.inf
 
 
 @kernel(counted=False)

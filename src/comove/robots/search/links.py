@@ -343,9 +343,8 @@ def pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
         for p in range(links.pairs.shape[0]):
             i, j = links.pairs[p, 0], links.pairs[p, 1]
             thick = links.radius[i] + links.radius[j] - links.wider[p]
-            apart = rods_distance(start[i], end[i], start[j], end[j], ENOUGH + thick) - thick
-            if apart < ENOUGH:
-                least[p] = min(least[p], apart)
+            apart = rods_distance(start[i], end[i], start[j], end[j], ENOUGH + thick)
+            least[p] = min(least[p], apart - thick)
     return least
 
 
