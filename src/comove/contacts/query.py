@@ -17,13 +17,11 @@ from comove.compiled import kernel
 from comove.contacts.displaced import carried_back
 from comove.contacts.rods import carried_distance
 from comove.contacts.surroundings import corner_of, count_corners, count_parts, radius_of, whose
-from comove.geometry.closest_points import near_on_hull, near_on_solid, solid_gradient
+from comove.geometry.closest_points import near_on_edge, near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import (
     CENTER,
     REACH,
-    TINY,
     distance_and_gradient,
-    nearest_on_segment,
     point_distance,
 )
 from comove.geometry.solids import empty_solid, solid_at, solid_distance
@@ -199,11 +197,7 @@ def nearest_point(around, part, thing, row, points, cutoff, tolerance, near, nor
         distance = _near_mesh(around.surfaces, thing - n_rows, points, cutoff + radius, near, normal)
     elif part < n_rods:
         p, q = points[0], points[1]
-        distance, share, high, falls, rises = nearest_on_segment(
-            around.obstacles, row, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radius, tolerance
-        )
-        if high > share:  # where the slopes, taken to change evenly, vanish
-            share += (high - share) * min(max(-falls / max(rises - falls, TINY), 0.0), 1.0)
+        distance, share = near_on_edge(around.obstacles, row, p, q, cutoff + radius, tolerance)
         for axis in range(3):
             near[axis] = p[axis] + share * (q[axis] - p[axis])
     else:
