@@ -14,7 +14,7 @@ DURATION = 4.0  # s
 
 
 def scene_of(seed):
-    """Boxes that move and turn in several ways, and one at rest."""
+    """Bodies that move and turn in several ways, and one at rest."""
     rng = np.random.default_rng(seed)
     turn = {"axis": rng.normal(size=3).tolist(), "rate_deg_per_s": float(rng.uniform(-90, 90))}
     ways = [
@@ -23,22 +23,23 @@ def scene_of(seed):
         {"turn": turn | {"hinge": [0.0, 0.0, 0.2]}},
         None,
     ]
-    boxes = [
-        {
-            "shape": "box",
-            "size": [0.1, 0.2, 0.3],
-            "center": [2.0 + k, 2.0, 1.0],
-            **({"motion": way} if way else {}),
-        }
-        for k, way in enumerate(ways)
+    shapes = [
+        {"shape": "box", "size": [0.1, 0.2, 0.3]},
+        {"shape": "sphere", "radius": 0.15},
+        {"shape": "capsule", "radius": 0.05, "length": 0.4},
+        {"shape": "cylinder", "radius": 0.1, "height": 0.3},
+    ]
+    bodies = [
+        {**shape, "center": [2.0 + k, 2.0, 1.0], **({"motion": way} if way else {})}
+        for k, (shape, way) in enumerate(zip(shapes, ways, strict=True))
     ]
     hands = [{"name": n, "start": [0.2, y, 0.5], "goal": [0.8, y, 0.5]} for n, y in (("a", 0.4), ("b", 0.6))]
     return Scene.from_dict(
         {
-            "name": "boxes",
+            "name": "bodies",
             "duration": DURATION,
             "workspace": {"lower": [0, 0, 0], "upper": [9, 3, 2]},
-            "obstacles": boxes,
+            "obstacles": bodies,
             "load": {"shape": "bar", "length": 0.2},
             "manipulators": hands,
         }

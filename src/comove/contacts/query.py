@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from comove.arrays import Array
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back
-from comove.contacts.rods import carried_distance
 from comove.contacts.surroundings import corner_of, count_corners, count_parts, radius_of, whose
 from comove.geometry.closest_points import near_on_edge, near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import (
@@ -23,6 +22,7 @@ from comove.geometry.distances import (
     REACH,
     distance_and_gradient,
     point_distance,
+    segment_distance,
 )
 from comove.geometry.solids import empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import near_on_surface, signed_distance
@@ -81,10 +81,13 @@ def least_distance(around, moved, instant, nodes, query, cap, floor):
             if ball_apart(around, thing, row, u, v, w) - reach > cutoff:
                 continue
             if part < n_rods and thing < n_rows:
-                p, q, far = nodes[around.edges[part, 0]], nodes[around.edges[part, 1]], cutoff + radius
-                distance = carried_distance(
-                    around.obstacles, moved, row, instant, p, q, far, query.tolerance
-                ) - (radius + query.lowered)
+                i, j = around.edges[part, 0], around.edges[part, 1]
+                a, b, c = carried_back(moved, row, instant, nodes[i, 0], nodes[i, 1], nodes[i, 2])
+                u, v, w = carried_back(moved, row, instant, nodes[j, 0], nodes[j, 1], nodes[j, 2])
+                distance = segment_distance(
+                    around.obstacles, row, a, b, c, u, v, w, cutoff + radius, query.tolerance
+                )
+                distance -= radius + query.lowered
             else:
                 distance = _large_distance(around, moved, instant, nodes, query, part, thing, cutoff)
             if noted:

@@ -12,30 +12,41 @@ import numpy as np
 
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back, shifted_back
-from comove.geometry.distances import CENTER, REACH, segment_distance
+from comove.geometry.distances import (
+    CAPSULE,
+    CENTER,
+    KIND,
+    REACH,
+    ROTATION,
+    SIZE,
+    SPHERE,
+    segment_distance,
+)
+
+AXIS = ROTATION + 2  # of a capsule: every third column is a coordinate
 
 
 @kernel(counted=False)
 def rod_distance(table, moved, row, instant, p, q, cutoff, tolerance):
     """Return the distance [m] of a rod from an obstacle at an instant, as accurately as `segment_distance`.
 
-    Where it is certainly above `cutoff`, any value above `cutoff` may be returned.
+    Where it is certainly above `cutoff`, any value above `cutoff` may be returned, infinity where even balls are.
     """
     x, y, z = 0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])
     x, y, z = shifted_back(moved, row, instant, x, y, z)
     x, y, z = x - table[row, CENTER], y - table[row, CENTER + 1], z - table[row, CENTER + 2]
     u, v, w = 0.5 * (q[0] - p[0]), 0.5 * (q[1] - p[1]), 0.5 * (q[2] - p[2])
-    apart = sqrt(x * x + y * y + z * z) - sqrt(u * u + v * v + w * w) - table[row, REACH]
-    if apart > cutoff:
-        return apart
-    return carried_distance(table, moved, row, instant, p, q, cutoff, tolerance)
-
-
-@kernel(counted=False)
-def carried_distance(table, moved, row, instant, p, q, cutoff, tolerance):
-    """Return the same as `rod_distance`, of a rod whose bounding ball is near."""
+    reach = cutoff + table[row, REACH] + sqrt(u * u + v * v + w * w)
+    if reach < 0.0 or x * x + y * y + z * z > reach * reach:
+        return np.inf
     a, b, c = carried_back(moved, row, instant, p[0], p[1], p[2])
     u, v, w = carried_back(moved, row, instant, q[0], q[1], q[2])
+    if table[row, KIND] == SPHERE or table[row, KIND] == CAPSULE:  # which are rods
+        half = table[row, SIZE + 1] if table[row, KIND] == CAPSULE else 0.0
+        x, y, z = table[row, CENTER], table[row, CENTER + 1], table[row, CENTER + 2]
+        k, l, m = half * table[row, AXIS], half * table[row, AXIS + 3], half * table[row, AXIS + 6]
+        ends = (x - k, y - l, z - m), (x + k, y + l, z + m)
+        return nearest_shares((a, b, c), (u, v, w), *ends)[2] - table[row, SIZE]
     return segment_distance(table, row, a, b, c, u, v, w, cutoff, tolerance)
 
 

@@ -120,7 +120,7 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, half, spi
     rows = np.array([0, 3, 4, 1, 2])
     bodies = Places(start[rows], end[rows], radius)
     alone = dangers_along(bodies, Movers.of(seen), times[:5], COSTS)
-    np.testing.assert_allclose(alone, found[rows, np.arange(5)], atol=0.1)
+    np.testing.assert_allclose(alone, found[rows, np.arange(5)])
 
 
 @given(

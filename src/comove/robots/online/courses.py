@@ -28,10 +28,9 @@ from comove.model.moving import Displacements
 from comove.planning.configurations import Space
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.links import Links, place_links
+from comove.robots.search.links import ROUGH, Links, place_links
 
 WAIT = -1
-EXACT = 1e-5  # m, of distances
 
 
 class SlotCosts(NamedTuple):
@@ -286,7 +285,7 @@ def dangers(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> A
                 was_near = False
                 for k in range(first, last):
                     if out[k] < costs.hitting:
-                        h = rod_distance(table, moved, j, (0, 1, times[k]), p, q, far + margin[j], EXACT)
+                        h = rod_distance(table, moved, j, (0, 1, times[k]), p, q, far + margin[j], ROUGH)
                         h -= margin[j] + radius[m]
                         # Distances of convex bodies that do not turn are convex in time.
                         if h >= costs.near and was_near and not turning:
@@ -306,7 +305,7 @@ def dangers_along(bodies: Places, movers: Movers, times: Array, costs: SlotCosts
         for m in range(radius.shape[0]):
             p, q, far = start[t, m], end[t, m], radius[m] + costs.near
             for j in range(table.shape[0]):
-                h = rod_distance(table, moved, j, (0, 1, times[t]), p, q, far + margin[j], EXACT)
+                h = rod_distance(table, moved, j, (0, 1, times[t]), p, q, far + margin[j], ROUGH)
                 h -= margin[j] + radius[m]
                 cost[t] = max(cost[t], _cost(h, costs))
     return cost

@@ -397,36 +397,29 @@ def links_clearance(
 
 
 @kernel
-def clearance_at(
-    chains: Chains,
-    links: Links,
-    around: LinkSurroundings,
-    instant: Instant,
-    q: Array,
-    nodes: Array,
-    cap: float,
-) -> float:
-    """Compute the clearance of the links, see `links_clearance`, at the joints q, array of shape (n_joints,) [m]."""
-    start, end = links.start.copy(), links.end.copy()
-    place_links(chains, links, q, start, end)
-    return links_clearance(links, around, instant, start, end, nodes, cap)
-
-
-@kernel
 def clearances_at(
     chains: Chains,
     links: Links,
     around: LinkSurroundings,
+    instant: Instant,
     joints: Array,
     nodes: Array,
     cap: float,
+    blocked: float = -np.inf,
 ) -> Array:
-    """Compute `clearance_at` among obstacles at rest at several joints, array of shape (n, n_joints); array, shape
-    (n,) [m].
+    """Compute the clearances of the links, see `links_clearance`, at several joints, array of shape (n, n_joints).
+
+    Returns
+    -------
+    array, shape (n,) [m]; -inf from the first one on that is not above `blocked`
     """
-    found = np.empty(joints.shape[0])
+    found, start, end = np.full(joints.shape[0], -np.inf), links.start.copy(), links.end.copy()
     for k in range(joints.shape[0]):
-        found[k] = clearance_at(chains, links, around, RESTING, joints[k], nodes, cap)
+        place_links(chains, links, joints[k], start, end)
+        apart = links_clearance(links, around, instant, start, end, nodes, cap)
+        if apart <= blocked:
+            break
+        found[k] = apart
     return found
 
 

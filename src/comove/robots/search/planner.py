@@ -23,7 +23,7 @@ from comove.planning.trees import answers, copy_to, rrt_connect, shortened
 from comove.planning.world import World, between, follow, reaches
 from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import SEARCHING, Arms, hand_rotation, posture_on
-from comove.robots.search.links import ENOUGH, ROUGH, clearance_at, links_clearance, place_links
+from comove.robots.search.links import ENOUGH, ROUGH, clearances_at, links_clearance, place_links
 from comove.robots.search.ranges import may_reach
 
 LEADING = SEARCHING._replace(tolerance=1e-3, most=12)
@@ -128,10 +128,10 @@ def plan_with_arms(
 
 def _links_at(world: World, arms: Arms, node: Array, n: int) -> float:
     """Compute the clearance of the links at a node, whose first n values are a configuration [m]."""
-    nodes, q = np.empty((world.space.blocks.node.shape[0], 3)), node[n : n + len(arms.chains.lower)]
+    nodes, q = np.empty((world.space.blocks.node.shape[0], 3)), node[None, n : n + len(arms.chains.lower)]
     place_one(world.space.blocks, node, 1.0, nodes)
     instant = instant_of(world.timing, node)
-    return clearance_at(arms.chains, arms.links, arms.around, instant, q, nodes, ENOUGH)
+    return float(clearances_at(arms.chains, arms.links, arms.around, instant, q.copy(), nodes, ENOUGH)[0])
 
 
 @kernel
