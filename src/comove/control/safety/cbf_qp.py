@@ -311,7 +311,7 @@ class SafetyFilter:
         What is admissible is a cone, whose tangent at the orientation after the step such a row is.
         """
         for g, own, tilt in self._leaning:
-            then, slope = self._lean(g, self._work.rotation_after[g] @ own)
+            then, slope = self._lean(g, self._work.after.rotation[g] @ own)
             most = max(tilt, self._lean(g, matrices(poses.quaternion[g]) @ own)[0])
             if then > most + ANGLE_ROUNDING:
                 beyond = self._freedom.scale[g] * (then - most) / self.period
