@@ -423,7 +423,7 @@ def _distribution(part: DrawPart, folder: Path, said: object = None) -> Distribu
     Demonstrations that are drawn are read, laid and scaled as the scene says of its own demonstration, `said`.
     """
     laid = _kept(said, ("plane", "scale"))
-    read = laid | _kept(said, ("manipulator", "topic", *READING))
+    read = laid | _kept(said, [key for key in ("manipulator", *READING) if key != "episode"])
     if part.uniform is not None:
         return Uniform(*map(np.asarray, part.uniform))
     if part.normal is not None:
