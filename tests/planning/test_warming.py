@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -90,6 +91,24 @@ def test_a_command_shows_it_and_leaves_the_rest_to_the_background(jobs):
         require("one")
     assert shown == [(1, 0.0)]
     assert (jobs / "rest").exists()
+
+
+def test_the_background_leaves_no_zombie(monkeypatch):
+    started = []
+
+    class Noted(subprocess.Popen):
+        def __init__(self, *args, **more):
+            super().__init__(*args, **more)
+            started.append(self.pid)
+
+    monkeypatch.setattr(subprocess, "Popen", Noted)
+    monkeypatch.setattr(sys, "executable", "true")
+    warming._go_on_in_background()
+    deadline = time.monotonic() + 10.0
+    with pytest.raises(ProcessLookupError):
+        while time.monotonic() < deadline:
+            os.kill(started[0], 0)  # which finds zombies, too
+            time.sleep(0.01)
 
 
 def test_processes_that_cannot_be_started_end_no_search(jobs, monkeypatch):

@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from collections import deque
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
@@ -102,7 +103,8 @@ def require(*names: str) -> None:
 def _go_on_in_background() -> None:
     none = subprocess.DEVNULL
     command = [sys.executable, "-P", "-m", "comove.planning.warming"]
-    subprocess.Popen(command, stdin=none, stdout=none, stderr=none, start_new_session=True)
+    process = subprocess.Popen(command, stdin=none, stdout=none, stderr=none, start_new_session=True)
+    threading.Thread(target=process.wait, daemon=True).start()  # else it stays a zombie when it has ended
 
 
 def unfinished() -> list[str]:
