@@ -367,6 +367,12 @@ class Study:
         if self.file.cameras is not None:
             require_cameras()
 
+    def example_scenes(self) -> Iterator[Scene]:
+        """Yield the scenes of the first episodes."""
+        for number in range(min(8, self.total)):
+            if (scene := self.draw(number).scene) is not None:
+                yield scene
+
     def contents(self, number: int, rng: np.random.Generator) -> dict[str, Any]:
         """Return the contents of a scene file, drawn once."""
         data = copy.deepcopy(self.template)
