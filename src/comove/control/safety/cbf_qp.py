@@ -55,7 +55,7 @@ from comove.model.scene import Scene
 from comove.planning.convex.quadratic import FREE
 
 NOTHING = -2
-"""What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
+"""In place of the number of what blocks (an obstacle, or -1 for the border): nothing does."""
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
 TOLERANCE = 1e-9  # m/s, of rows in the solver
 UPRIGHT = 1e-6  # sine of the angle below which a body does not lean

@@ -291,8 +291,8 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
             of = {SCENE: "links and obstacles", LOAD: "the load and all else", SELF: "links"}[kind]
             finding.reasons.append(
                 f"it could not be certified that {of} always keep {required:g} m: the bound of "
-                f"{bodies.name(found.weakest)} at about {found.around:.2f} s is {found.lower:.3g} m; keep them further "
-                "apart"
+                f"{bodies.name(found.weakest)} at about {found.around:.2f} s is {found.lower:.3g} m; "
+                "keep them further apart"
             )
     return finding
 
