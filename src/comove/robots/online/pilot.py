@@ -181,7 +181,7 @@ class Pilot(Replanner):
             return
         begun, off = perf_counter(), run.distance_from(self.current(run).here)
         found = self.choose(run.time, seen, self.present(run), off, self.waited)
-        run.log.planning.append(perf_counter() - begun)
+        run.log.note_plan(perf_counter() - begun)
         if found:
             self.waited = 0.0
             run.tell(f"another course, of {self.reference.duration:.2f} s")
