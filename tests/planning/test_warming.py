@@ -93,6 +93,21 @@ def test_a_command_shows_it_and_leaves_the_rest_to_the_background(jobs):
     assert (jobs / "rest").exists()
 
 
+@pytest.mark.slow
+def test_the_background_finishes_what_is_left(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text(
+        "from comove.planning import warming\nwarming.JOBS.clear()\n"
+        f"warming.JOBS['one'] = warming.WarmUpJob('{WORKS}:note', dict(folder={str(tmp_path)!r}, name='one'))\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    warming._go_on_in_background()
+    deadline = time.monotonic() + 60.0
+    while not noted(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert noted(tmp_path) == ["one.note"]
+
+
 def test_the_background_leaves_no_zombie(monkeypatch):
     started = []
 
