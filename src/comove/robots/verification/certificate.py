@@ -98,7 +98,7 @@ class LinkClearance(NamedTuple):
     upper : least clearance computed at any instant [m]
     pair : number of the pair that has `upper`
     time : time at which it has it [s]
-    weakest : number of the pair that has `lower`, -1 for none
+    weakest : number of the pair that has `lower` where that is less than required, else -1
     around : middle of the interval in which it has it [s]
     """
 
@@ -251,11 +251,12 @@ def certify(
         done = bound >= np.array([enough(need, kind) for kind in range(3)])[kinds]
         if depth == settings.deepest - 1 or computed > settings.most:
             done[:] = True
-        for kind in range(3):
-            own = np.flatnonzero(done & (kinds == kind))
-            if len(own) and bound[least := own[bound[own].argmin()]] < lower[kind]:
-                lower[kind], weakest[kind] = bound[least], bodies.exact[cells.pair[least]]
-                around[kind] = (cells.number[least] + 0.5) / parts * curve.x[-1]
+        before = lower.copy()
+        np.minimum.at(lower, kinds[done], bound[done])
+        for kind in np.flatnonzero((lower < before) & (lower < bodies.required)):
+            least = np.flatnonzero(done & (kinds == kind) & (bound == lower[kind]))[0]
+            weakest[kind] = bodies.exact[cells.pair[least]]
+            around[kind] = (cells.number[least] + 0.5) / parts * curve.x[-1]
         changed = need.upper < uppers
         when[changed] = time[need.knot[changed]]
         if done.all():
