@@ -108,7 +108,7 @@ class Pilot(Replanner):
     Attributes
     ----------
     reference, clock : what is followed, and where on it the run is [s]
-    is_clear : whether nothing was predicted, at the last look, to be touched on it soon
+    is_clear : whether the last prediction found the reference clear of obstacles
     waited : time that the arms have not come along [s]
     """
 
