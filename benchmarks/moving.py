@@ -47,7 +47,7 @@ def executed(scene: Scene, observer) -> dict[str, float]:
     executor = Executor(scene, observer)
     record = executor.run(LONGEST * scene.duration)
     log = executor.log
-    return {**measures(record), "plans": log.planning, "control": log.control, "record": record}
+    return {**measures(record), "plans": [*log.planning], "control": [*log.control], "record": record}
 
 
 def modulated_run(scene: Scene, sharing: Sharing, load: bool) -> dict[str, float]:

@@ -171,8 +171,8 @@ def main() -> None:
                     f"{report.duration_s:.1f}" if record.arrived else "-",
                     *(len(record.contacts), f"{report.hold_error_max:.0e}"),
                     *(f"{1e3 * report.distance_error_max:.2f}", f"{1e3 * report.clearance_scene:.1f}"),
-                    *(f"{1e3 * report.clearance_carried:.1f}", len(log.planning) - 1),
-                    f"{1e3 * np.median(log.planning[1:] or [0.0]):.0f}",
+                    *(f"{1e3 * report.clearance_carried:.1f}", log.plans - 1),
+                    f"{1e3 * np.median([*log.planning][1:] or [0.0]):.0f}",
                     *(f"{log.relaxed:.3f}", log.stopped),
                     f"{np.median(steps):.2f}, {np.quantile(steps, 0.999):.2f}",
                 ]

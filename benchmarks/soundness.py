@@ -1,14 +1,15 @@
 """How often the certificate is wrong: random motions near contact, judged by it and by brute force.
 
-    python benchmarks/soundness.py [--shapes 100000] [--turning 10000] [--boxes 300] [--meshes 10000] [--first 0]
-        [--workers 2] [--files FOLDER]
+    python benchmarks/soundness.py [--shapes 100000] [--turning 10000] [--boxes 300] [--meshes 10000] [--joints 10000]
+        [--first 0] [--workers 2] [--files FOLDER]
 
 Motions come first; obstacles are then pushed to within fractions of a millimetre of what they sweep, or into it.
 Brute force (`tests/brute_force.py`) reads the scene's file, takes from a motion only its configurations, and shares
 no geometry with comove: what it meets is met by the motion. A certificate is false if it promises more than brute
 force meets. In `turning`, obstacles turn and move, slowly or up to three times a second. Boxes are loads, judged by
 points of the box (`tests/verification/random_boxes.py`). Meshes are spoilt as exports spoil them: triangles turned,
-twice, missing, flat, loose, crossing others.
+twice, missing, flat, loose, crossing others. Joints are those of ten robots beside obstacles that move and turn, a
+payload, or themselves, judged by their raw URDFs (`tests/robots/verification/random_joints.py`).
 With `--files`, every mesh of up to 2000 triangles in a folder, made 0.2 m large, is an obstacle once.
 """
 
@@ -29,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 CHUNK = 50
 # Streams of random numbers; the tests draw from others.
-STREAMS = {"shapes": 101, "turning": 113, "boxes": 109, "meshes": 103, "files": 107}
+STREAMS = {"shapes": 101, "turning": 113, "boxes": 109, "meshes": 103, "joints": 127, "files": 107}
 MOST, SIZE = 2000, 0.2  # triangles of a file, and what its mesh is made large [m]
 FORMATS = (".stl", ".obj", ".off", ".ply", ".dae")
 WORDS = ("certified", "contact", "undecided", "false certificate")
@@ -42,6 +43,7 @@ def main() -> None:
     parser.add_argument("--turning", type=int, default=10_000)
     parser.add_argument("--boxes", type=int, default=300)
     parser.add_argument("--meshes", type=int, default=10_000)
+    parser.add_argument("--joints", type=int, default=10_000)
     parser.add_argument("--first", type=int, default=0, help="number of the first draw of each kind")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--files", type=Path)
@@ -77,6 +79,7 @@ def judged(
     """Outcomes of some draws, and the false certificates among them: seed, bound and truth [m]."""
     from comove.geometry.triangles import triangles_of
     from comove.verification.certificate import certify
+    from tests.robots.verification import random_joints
     from tests.verification import test_certificate, test_surfaces
     from tests.verification.random_boxes import box_near_contact, least_clearance
     from tests.verification.random_meshes import near_contact as near_mesh
@@ -108,6 +111,9 @@ def judged(
                 word = "contact" if word == "undecided" and truth < required else word
                 if clearance.lower > max(truth, 0.0) + test_certificate.ROUNDING:
                     word = "false certificate"
+            elif kind == "joints":
+                name = random_joints.robot_of(seed)
+                clearance, truth, word = random_joints.judged(name, random_joints.near_contact(rng, name))
             else:
                 clearance, truth, word = test_surfaces.outcome(*near_mesh(rng, Path(folder)))
             found[word] += 1

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from math import ceil, floor, log10
+from pathlib import Path
 from statistics import median
 from types import ModuleType
 from typing import Any
@@ -67,6 +68,12 @@ def medians(functions: Mapping[str, Callable[[], Any]], repeats: int) -> dict[st
         for name, function in functions.items():
             times[name].append(elapsed(function))
     return {name: median(values[1:]) for name, values in times.items()}
+
+
+def memory_of(pid: int) -> float:
+    """Resident memory of a process [MB]."""
+    fields = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def print_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

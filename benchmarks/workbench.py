@@ -24,6 +24,7 @@ import numpy as np
 import yaml
 
 import comove
+from benchmarks.timing import memory_of
 from comove.view.workbench.edits import Draft, contents_of, grips_of, moved, place_of
 from comove.view.workbench.link import Link
 from comove.view.workbench.session import PageSettings
@@ -65,12 +66,6 @@ def dragged(scene, link, answers, rng):
             time.sleep(PERIOD)
     kind, arrived = answer_to(number, answers)
     return kind, arrived - begun
-
-
-def memory_of(pid):
-    """Return the resident memory of a process [MB]."""
-    fields = Path(f"/proc/{pid}/statm").read_text().split()
-    return int(fields[1]) * 4096 / 1e6
 
 
 def measured(path, n_drags, seed):

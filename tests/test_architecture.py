@@ -202,6 +202,18 @@ def test_nothing_draws_from_the_global_random_state(modules):
         assert "random" not in set(imported(nodes)), inside
 
 
+def test_classes_have_few_fields(modules):
+    """Settings apart, which are many by nature, and records whose fields are columns and keys of files."""
+    wide = {
+        node.name
+        for _, _, nodes in modules.values()
+        for node in nodes
+        if isinstance(node, ast.ClassDef) and sum(isinstance(part, ast.AnnAssign) for part in node.body) > 15
+    }
+    settings = {name for name in wide if name.endswith("Settings")} | {"Comove"}
+    assert wide - settings <= {"JointReport", "LinkSurroundings", "StudyRun"}
+
+
 def test_what_the_makefile_asks_of_the_package_is_answered():
     asked = re.findall(
         r"python -c '(from comove[^']*)'", (PLAN.parents[1] / "Makefile").read_text(encoding="utf-8")

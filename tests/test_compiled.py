@@ -7,6 +7,7 @@ import random
 import shutil
 import subprocess
 import sys
+import threading
 import warnings
 from functools import partial
 
@@ -360,6 +361,25 @@ def test_of_two_processes_one_compiles_and_the_other_waits_and_loads(tmp_path):
         process.stdin.write("\n")
         process.stdin.flush()
     assert sorted(process.communicate()[0].split() for process in both) == [["0"], ["1"]]
+
+
+def test_a_process_that_is_stopped_while_it_compiles_holds_up_no_other(kernel, tmp_path, monkeypatch):
+    monkeypatch.setattr(cache.KernelCache, "patience", 0.1)
+    (tmp_path / "__pycache__").mkdir()
+    code = (
+        "import fcntl, sys\nfile = open(sys.argv[1], 'w')\nfcntl.lockf(file, fcntl.LOCK_EX)\n"
+        "print(flush=True)\nsys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, tmp_path / "__pycache__" / "comove_kernels.lock"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        holder.stdout.readline()
+        end = threading.Timer(10.0, holder.kill)
+        end.start()
+        assert kernel()(4) == 8
+        assert holder.poll() is None
+        end.cancel()
+        holder.stdin.close()
+    assert kernel()(4) == 8
 
 
 def test_warnings_are_not_needed_for_what_works(kernel):

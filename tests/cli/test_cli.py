@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from comove.cli.progress import ONCE
+from comove.compiled.counting import ONCE
 from comove.results.solution import SOLUTION
 from tests.commands import invoke
 

@@ -3,20 +3,20 @@
 import io
 import re
 import time
-from types import SimpleNamespace
+from pathlib import Path
 
 import pytest
 
 from comove.cli.app import since_process_start
-from comove.cli.progress import ONCE, progress_bar, time_spent
-from comove.compiled.counting import displays
+from comove.cli.progress import progress_bar, time_spent
+from comove.compiled.counting import ONCE, WarmUp, displays
 from comove.planning.solution import Progress
 
 
-def warm_up(progress):
-    """What a search does first where kernels are missing: it waits for others that compile them."""
-    with displays[-1](SimpleNamespace(workers=2, share=0.5)):
-        time.sleep(progress)
+def warm_up(seconds, workers=2, file=Path(__file__)):
+    """What a search does first where kernels are missing: it waits for others, which have compiled half of them."""
+    with displays[-1](WarmUp(2 * file.stat().st_size, workers, file)):
+        time.sleep(seconds)
 
 
 class Terminal(io.StringIO):
@@ -33,11 +33,12 @@ def terminal(monkeypatch):
     return screen
 
 
-def test_without_a_terminal_one_line_says_that_kernels_are_compiled(capsys):
+@pytest.mark.parametrize(("workers", "cores"), [(1, "1 core"), (2, "2 cores")])
+def test_without_a_terminal_one_line_says_that_kernels_are_compiled(capsys, workers, cores):
     with progress_bar(30.0) as callback:
         assert callback is None
-        warm_up(0.0)
-    assert capsys.readouterr().err.splitlines() == [f"{ONCE}, on 2 cores: up to a minute that does not count"]
+        warm_up(0.0, workers)
+    assert capsys.readouterr().err.splitlines() == [f"{ONCE}, on {cores}: up to a minute that does not count"]
 
 
 def test_without_a_terminal_nothing_else_is_told(capsys):

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from comove.cli.progress import ONCE
+from comove.compiled.counting import ONCE
 from tests.cli.test_cli import SCENE
 from tests.commands import invoke
 

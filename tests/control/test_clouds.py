@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.random_scenes import moving_scene
-from comove.control import Clouds, Executor, Known, Scanned, Scanner
+from comove.control import Association, Clouds, Executor, Known, Scanned, Scanner
 from comove.control.clouds import surface
 from comove.control.safety.twists import nodes_of, poses_of
 from comove.errors import OptionError
@@ -373,11 +373,13 @@ def test_what_is_no_cloud(points, time, words):
         {"detail": 0.005},
         {"agility": float("inf")},
         {"fastest": True},
+        {"deep": 1.5},
     ],
 )
 def test_scanners_that_are_none(wrong):
+    of = Association if "deep" in wrong else Scanner
     with pytest.raises(OptionError, match=f"{next(iter(wrong))} = "):
-        Scanner(**wrong)
+        of(**wrong)
 
 
 # What comes of it

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
-from comove.control import Executor, Functions, Pace
+from comove.control import Executor, Functions, Pace, loop
 from comove.control.safety.twists import advanced, nodes_of, poses_of, twists_between
 from comove.errors import OptionError
 from comove.model import Scene
@@ -65,6 +65,22 @@ def test_what_never_leaves_the_goal_is_waited_for_and_named():
     assert report.end_speed < 1e-3
     (reason,) = report.reasons
     assert reason.endswith("obstacles[0] (sphere) is where the load has to go")
+
+
+def test_a_log_holds_the_latest_and_counts_all(monkeypatch):
+    """It does not grow, however long one waits."""
+    monkeypatch.setattr(loop, "KEPT", 50)
+    scene = crossing(disc([0.9, 0.05], {"waypoints": [[0.9, 0.05], [0.9, 0.5]], "times": [0, 3]}))
+    executor = Executor(scene, Functions.of_motions(scene))
+    for k in range(400):
+        executor.step()
+        executor.tell(f"step {k}")
+    log = executor.log
+    assert len(log.control) == len(log.events) == 50
+    assert log.events[-1].what == "step 399"
+    assert log.plans >= len(log.planning) > 1
+    assert log.planned >= sum(log.planning) - 1e-9
+    assert log.summary["plans"] == log.plans
 
 
 def test_a_door_before_the_goal_is_named():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import comove
+from comove.data import many
 from comove.errors import OptionError
 from comove.lab.examples import example_path
 from comove.model import demonstration_of
@@ -33,6 +34,14 @@ def test_each_scene_gives_what_solve_gives():
         assert one.solution.report == alone.report
         assert one.solution.motion is None  # a seal does not pass between processes
         assert one.motion.clearance_min == alone.motion.clearance_min
+
+
+def test_kernels_are_compiled_before_processes_that_would_compile_alone(monkeypatch):
+    done = []
+    monkeypatch.setattr(many, "require", lambda *names: done.append({*names}))
+    monkeypatch.setattr(many, "run_tasks", lambda *_, **__: done.append("processes") or ())
+    list(comove.solve_many(scenes(0.0), workers=2))
+    assert done == [{"planar plans", "planar motions"}, "processes"]
 
 
 @pytest.mark.slow

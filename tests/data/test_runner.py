@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from comove.data import Shard, StudyStore, on_processes, run_study
+from comove.data import Shard, Study, StudyStore, many, on_processes, run_study, runner
 from comove.data.runs import RUNS, UNREPEATED, StudyRun, merge
 from comove.errors import OptionError, ResultError
 from tests.data.works import FakeStudy
@@ -53,6 +53,18 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     run_study(FakeStudy(40), folder, on_processes(1))
     return rows(folder)
+
+
+@pytest.mark.parametrize(
+    ("file", "kind"), [("planar", {"planar plans"}), ("baxter", {"spatial plans", "robot motions"})]
+)
+def test_kernels_are_compiled_before_processes_that_would_compile_alone(monkeypatch, file, kind):
+    done = []
+    monkeypatch.setattr(many, "require", lambda *names: done.append({*names}))
+    monkeypatch.setattr(runner, "run_tasks", lambda *_, **__: done.append("processes"))
+    study = Study.load(ROOT / "examples" / "studies" / f"{file}.yaml")
+    on_processes(2)(study, lambda: None, 1.0)
+    assert done[0] >= kind and done[1:] == ["processes"]
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,10 @@ class FakeStudy:
     def require(self):
         """Need nothing."""
 
+    def example_scenes(self):
+        """Solve none."""
+        return ()
+
     def key(self, number):
         return f"{self.salt}-{number:08d}"
 

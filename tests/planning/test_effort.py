@@ -24,6 +24,23 @@ def test_more_effort_tries_more_and_ends_no_worse():
     assert costs[3] <= costs[1]
 
 
+def test_of_one_path_the_demonstration_is_enough(monkeypatch):
+    """Nothing is planned where the demonstration can be made smooth, and the motion is the best of both."""
+    scene = scene_of("wide")
+    taught = comove.DMP.fit(comove.Demonstration.from_lasa("Sine"))
+    both = comove.solve(scene, demonstration=taught, effort=EffortLevel(ways=2, gain=0.01))
+
+    def never(*_):
+        raise AssertionError("something was planned")
+
+    monkeypatch.setattr("comove.planning.kinematics.plan", never)
+    one = comove.solve(scene, demonstration=taught, effort="quick")
+    assert one.verified
+    assert one.effort.work < both.effort.work
+    costs = [jerk_cost(solution.attempt, LeastJerk(), None) for solution in (one, both)]
+    assert costs[0] <= 1.05 * costs[1]
+
+
 def test_the_command_and_studies_know_all_levels():
     assert [mode.value for mode in EffortMode] == list(get_args(EffortName)) == list(EFFORTS)
 

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -90,6 +91,39 @@ def test_a_command_shows_it_and_leaves_the_rest_to_the_background(jobs):
         require("one")
     assert shown == [(1, 0.0)]
     assert (jobs / "rest").exists()
+
+
+@pytest.mark.slow
+def test_the_background_finishes_what_is_left(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text(
+        "from comove.planning import warming\nwarming.JOBS.clear()\n"
+        f"warming.JOBS['one'] = warming.WarmUpJob('{WORKS}:note', dict(folder={str(tmp_path)!r}, name='one'))\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    warming._go_on_in_background()
+    deadline = time.monotonic() + 60.0
+    while not noted(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert noted(tmp_path) == ["one.note"]
+
+
+def test_the_background_leaves_no_zombie(monkeypatch):
+    started = []
+
+    class Noted(subprocess.Popen):
+        def __init__(self, *args, **more):
+            super().__init__(*args, **more)
+            started.append(self.pid)
+
+    monkeypatch.setattr(subprocess, "Popen", Noted)
+    monkeypatch.setattr(sys, "executable", "true")
+    warming._go_on_in_background()
+    deadline = time.monotonic() + 10.0
+    with pytest.raises(ProcessLookupError):
+        while time.monotonic() < deadline:
+            os.kill(started[0], 0)  # which finds zombies, too
+            time.sleep(0.01)
 
 
 def test_processes_that_cannot_be_started_end_no_search(jobs, monkeypatch):

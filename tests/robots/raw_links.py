@@ -22,7 +22,7 @@ SHAPES = {
 
 
 class Part(NamedTuple):
-    """One file of a robot: its base, the columns of its joints in the robot and in Pinocchio, and joints at rest."""
+    """One file of a robot: its base, its joints as the robot and as Pinocchio number them, and joints at rest."""
 
     base: Any
     prefix: str
@@ -30,13 +30,14 @@ class Part(NamedTuple):
     data: Any
     bodies: Any
     own: list
-    columns: list
+    joints: list
     rest: Any
 
     def whole(self, q):
         """Pinocchio's configuration of joints q, array of shape (n_joints,)."""
         full = self.rest.copy()
-        full[self.columns] = np.asarray(q)[self.own]
+        for joint, value in zip(self.joints, np.asarray(q)[self.own], strict=True):
+            _turn(full, joint, value)
         return full
 
 
@@ -58,14 +59,14 @@ class RawLinks:
                 for k, name in enumerate(robot.joint_names)
                 if name.startswith(part.prefix) and model.existJointName(named[k])
             ]
-            columns = [model.joints[model.getJointId(named[k])].idx_q for k in own]
+            joints = [model.joints[model.getJointId(named[k])] for k in own]
             rest = pin.neutral(model)
             for name, value in robot.description.posture.items():
                 joint = name.removeprefix(part.prefix)
                 if name.startswith(part.prefix) and model.existJointName(joint):
-                    rest[model.joints[model.getJointId(joint)].idx_q] = value
+                    _turn(rest, model.joints[model.getJointId(joint)], value)
             at = _pose(part.base), part.prefix
-            self.parts.append(Part(*at, model, model.createData(), bodies, own, columns, rest))
+            self.parts.append(Part(*at, model, model.createData(), bodies, own, joints, rest))
 
     def frame(self, name, q):
         """The pose of a frame of the files, by its name with prefix; q, array of shape (n_joints,)."""
@@ -82,7 +83,9 @@ class RawLinks:
         part, frame = self._find(self.arms[arm].tip)
         slopes = pin.computeFrameJacobian(part.model, part.data, part.whole(q), frame)
         found = np.zeros((6, len(q)))
-        found[:, part.own] = _pose(self.arms[arm].tool).inverse().action @ slopes[:, part.columns]
+        found[:, part.own] = (
+            _pose(self.arms[arm].tool).inverse().action @ slopes[:, [joint.idx_v for joint in part.joints]]
+        )
         return found
 
     def _find(self, name):
@@ -127,6 +130,11 @@ class RawLinks:
                         apart = coal.distance(geometry, at, thing, there, asked, answer)
                     found[k, i, b] = apart
         return found
+
+
+def _turn(full, joint, value):
+    """Write a joint's value into Pinocchio's configuration; one that turns without end is its cosine and sine."""
+    full[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
 
 
 def _pose(placement):

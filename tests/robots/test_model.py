@@ -273,6 +273,15 @@ def test_the_checksum_tells_robots_apart_by_description_model_srdf_and_meshes(tm
     assert digest() == others[-1]
 
 
+def test_a_robot_in_use_is_the_same_when_loaded_again_until_its_files_change(tmp_path):
+    """What was computed for it is then known."""
+    first = load(tmp_path, two_joints(body=MASS))
+    assert load(tmp_path, two_joints(body=MASS)) is first
+    other = load(tmp_path, two_joints(body=MASS), acceleration=4.0)
+    assert other is not first
+    assert other.acceleration.tolist() != first.acceleration.tolist()
+
+
 @pytest.mark.parametrize(
     ("body", "told"),
     [

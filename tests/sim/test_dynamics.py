@@ -181,7 +181,7 @@ def test_fingers_that_stand_beyond_each_other_open_first():
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     world = build_world(robot, scene, load, grasp, Perturbation())
     data, model = at_start(world, motion, PayloadTorques(robot, scene), Perturbation()), world.model
-    fingers = [model.joint(finger) for hand in world.fingers for finger in hand]
+    fingers = [model.joint(finger) for finger in world.fingers]
     for finger in fingers:
         data.qpos[finger.qposadr[0]] = -2.0 * max(finger.range, key=abs)
     engine().mj_forward(model, data)

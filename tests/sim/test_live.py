@@ -116,7 +116,7 @@ def test_files_are_sealed_and_read_back(executed, tmp_path):
 def test_a_run_is_drawn_with_obstacles_and_joints_where_they_were(executed):
     _, record = executed
     filmed = FilmedRun.of(record)
-    world = build_world(filmed.robot, filmed.scene, filmed.load, filmed.grasp, filmed.perturbation)
+    world = build_world(filmed.robot, filmed.scene, filmed.load, filmed.conditions.grasp)
     data = engine().MjData(world.model)
     for step in (0, len(record.time) // 2, len(record.time) - 1):
         place(filmed, world, data, step)

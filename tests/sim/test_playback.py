@@ -18,7 +18,7 @@ def test_everything_is_where_it_should_be():
     robot, motion = known_motion()
     execution = play(motion, robot, posts())
     assert execution.delivered, execution.reasons
-    assert execution.simulator == "geometric"
+    assert execution.conditions.simulator == "geometric"
     assert execution.measures["lag_max"] < 1e-9
     assert execution.measures["distance_error_max"] < 1e-9
     ends = execution.hands[[0, -1], :, :3, 3]

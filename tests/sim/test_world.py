@@ -233,7 +233,7 @@ def test_a_finger_that_loses_its_load_does_not_leap_past_it():
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     world = build_world(robot, scene, load, grasp)
     data, model = at_start(world, motion, PayloadTorques(robot, scene), Perturbation()), world.model
-    fingers = [finger for hand in world.fingers for finger in hand]
+    fingers = world.fingers
     places = [model.joint(finger).qposadr[0] for finger in fingers]
     opened = np.array([max(model.joint(finger).range, key=abs) for finger in fingers])
     data.qpos[places], data.ctrl[[model.actuator(finger).id for finger in fingers]] = opened, -50.0 * opened

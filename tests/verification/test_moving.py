@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from comove.dmp.basis import motion_basis
 from comove.model import CoordinatedMotion, Scene, load_coordinates
+from comove.model.files.keys import Workspace
 from comove.verification import verify
 from comove.verification.certificate import Paths, certify, certify_curve
 from comove.verification.clearance_kernels import CurveArrays
@@ -124,7 +125,8 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     straight, time = np.zeros((n_knots - 1, nodes.shape[1])), np.linspace(0.0, DURATION, n_knots)
     shift = np.linspace(0.0, 1.0, n_knots)[:, None] * np.array(velocity)
     still = Paths.of(scene, time)
-    wide = replace(scene, lower=np.full(3, -9.0), upper=np.full(3, 9.0))
+    workspace = Workspace(lower=(-9.0, -9.0, -9.0), upper=(9.0, 9.0, 9.0))
+    wide = replace(scene, file=scene.file.model_copy(update={"workspace": workspace}))
     at_rest = certify_curve(wide, CurveArrays(nodes, straight), time, still)
     moved = CurveArrays(nodes + shift[:, None], straight)
     together = certify_curve(wide, moved, time, still._replace(offset=shift[:, None]))

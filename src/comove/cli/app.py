@@ -141,7 +141,7 @@ _running: list[typer.Context] = []
 
 
 NOT_AGAIN = frozenset({"out", "json", "no_pictures", "workers", "dask"})
-"""Parameters on which no result depends: where it is written, what is printed, on how many processors it is made."""
+"""Parameters that change no result: where it is written, what is printed, and how many processes compute it."""
 
 
 def command_words() -> list[str | Path]:

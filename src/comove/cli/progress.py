@@ -12,7 +12,6 @@ from typing import Any
 from comove.cli.app import since_process_start
 from comove.cli.streams import terminal
 
-ONCE = "compiling, once after installation"
 _waited = 0.0  # s, for warm-ups
 
 
@@ -51,11 +50,7 @@ class _Line:
 
     @contextmanager
     def warming_up(self, state: Any) -> Iterator[None]:
-        print(
-            f"{ONCE}, on {state.workers} cores: up to a minute that does not count",
-            file=sys.stderr,
-            flush=True,
-        )
+        print(f"{state.words}: up to a minute that does not count", file=sys.stderr, flush=True)
         with _not_counted():
             yield
 
@@ -79,11 +74,11 @@ class _Bar:
             self.bar.start()
 
     @contextmanager
-    def warming_up(self, state: Any, pause: float = 0.2) -> Iterator[None]:
-        told, ended, begun = f"{ONCE}, on {state.workers} cores", threading.Event(), time.monotonic()
+    def warming_up(self, state: Any) -> Iterator[None]:
+        told, ended, begun = state.words, threading.Event(), time.monotonic()
 
         def follow() -> None:
-            while not ended.wait(pause):
+            while not ended.wait(0.2):
                 share = state.share
                 left = (time.monotonic() - begun) * (1.0 / share - 1.0) if share > 0.0 else None
                 more = "" if left is None else f" · about {left:.0f} s left"

@@ -211,7 +211,7 @@ def solve(
 def _say_solution(
     solution: Solution, summary: Mapping[str, Any], out: Path, asked: Scene, named: str
 ) -> None:
-    """Print all that there is to say of a solution but where its pictures are."""
+    """Print the summary of a solution and of its joint motion, without the rows of pictures."""
     is_alone = solution.joints is None and solution.verified and asked.file.robot is not None
     print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
     rows = [("demonstration", named)] if named else []

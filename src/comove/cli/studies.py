@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comove.cli.app import INTERRUPTED, command_words
+from comove.cli.progress import progress_bar
 from comove.cli.streams import terminal
 from comove.errors import printable
 
@@ -87,7 +88,7 @@ def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress]
         done = progress.done
         show(progress)
 
-    with _progress_line() as show:
+    with progress_bar(), _progress_line() as show:
         try:
             yield tell
         except KeyboardInterrupt:
@@ -108,7 +109,7 @@ def _progress_line() -> Iterator[Callable[[Any], None]]:
     def show(progress: StudyProgress) -> None:
         left = "" if progress.left is None else f", {_time(progress.left)} left"
         text = f"{progress.done} of {progress.total} runs, {progress.rate:.1f} a second{left}"
-        print(f"\r{text:70s}", end="", file=terminal(), flush=True)
+        print(f"{text:70s}\r", end="", file=terminal(), flush=True)
 
     try:
         yield show

@@ -21,6 +21,7 @@ import pickle
 import pkgutil
 import re
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -263,6 +264,7 @@ class KernelCache(FunctionCache):
     """Compiled functions on disk; what cannot be read or written counts as missing."""
 
     _impl_class = _Stored
+    patience = 60.0  # s, for which another process is waited for; it may be stopped
 
     def __init__(self, py_func: Callable, role: str):
         self._role = role
@@ -304,7 +306,7 @@ class KernelCache(FunctionCache):
         """Wait until no other process compiles the function, which it may be waited for to save; return whether.
 
         A byte of a file is locked, which the system gives free when a process dies. Where there are no such locks,
-        two processes may compile the same.
+        and after one was waited for in vain, two processes may compile the same.
         """
         if fcntl is None or not self._enabled:
             return False
@@ -313,11 +315,24 @@ class KernelCache(FunctionCache):
             file = _lock_file(self._cache_path)
             key = hashlib.sha256(text_of(self._index_key(sig, target_context.codegen())).encode()).digest()
             byte = int.from_bytes(key[:4], "big")
-            fcntl.lockf(file, fcntl.LOCK_EX, 1, byte)
+            self._lock(file, byte)
         except OSError:
             return False
         self._turns.append((file, byte))
         return True
+
+    @staticmethod
+    def _lock(file: int, byte: int) -> None:
+        until = time.monotonic() + KernelCache.patience
+        while True:
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)  # type: ignore[union-attr]
+                return
+            except (BlockingIOError, PermissionError):
+                if time.monotonic() > until:
+                    KernelCache.patience = 0.0
+                    raise
+                time.sleep(0.01)
 
     @contextmanager
     def turns(self) -> Iterator[None]:

@@ -13,6 +13,7 @@ from numba.core import event
 from comove.compiled.cache import LOADING
 
 PACKAGE = "comove."
+ONCE = "compiling, once after installation"
 KernelCallback = Callable[[str], None]
 Clock = Callable[[], float]
 
@@ -90,11 +91,17 @@ class WarmUp:
     ----------
     kernels : about how many will be compiled
     workers : number of processes
+    file : as long in bytes as kernels have been compiled
     """
 
     kernels: int
     workers: int
     file: Path
+
+    @property
+    def words(self) -> str:
+        """Return what takes place, in words."""
+        return f"{ONCE}, on {self.workers} {'core' if self.workers == 1 else 'cores'}"
 
     @property
     def share(self) -> float:

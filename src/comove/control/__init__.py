@@ -7,10 +7,11 @@ from comove.control.loop import Event, ExecutionLog
 from comove.control.measured import Measured, Observed, Sensor
 from comove.control.observers import Functions, Known, Observer
 from comove.control.replanning import Pace, Plan
-from comove.control.tracks import Scanner
+from comove.control.tracks import Association, Scanner
 from comove.results.runs import StoredRun, read_run
 
 __all__ = [
+    "Association",
     "Clouds",
     "Event",
     "Executor",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time as clock
 from abc import ABC, abstractmethod
-from array import array
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -32,14 +32,22 @@ class Event:
     what: str
 
 
+KEPT = 100_000  # control steps, attempts to plan and events that a log has at most: a robot may run for weeks
+
+
+def _latest() -> deque[Any]:
+    return deque(maxlen=KEPT)
+
+
 @dataclass(eq=False)
 class ExecutionLog:
-    """The log of an execution, step by step.
+    """The log of an execution, step by step; it holds the latest steps, plans and events, and does not grow.
 
     Attributes
     ----------
     events : events in their order
-    control, planning : computing time of every control step, and of every attempt to plan [s]
+    control, planning : computing times of control steps, and of attempts to plan [s]
+    plans, planned : number of all attempts to plan, and their computing time [s]
     blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
         border, the number of the file's obstacles for all else that is seen
     relaxed : by how much the safety filter had to relax its rows at most [m/s]
@@ -48,15 +56,22 @@ class ExecutionLog:
     first_plan : computing time until the first plan was found [s], None where there was none
     """
 
-    events: list[Event] = field(default_factory=list)
-    control: array[float] = field(default_factory=lambda: array("d"))
-    planning: list[float] = field(default_factory=list)
+    events: deque[Event] = field(default_factory=_latest)
+    control: deque[float] = field(default_factory=_latest)
+    planning: deque[float] = field(default_factory=_latest)
+    plans: int = 0
+    planned: float = 0.0
     blocking: dict[int, int] = field(default_factory=dict)
     relaxed: float = 0.0
     stopped: int = 0
     evaluations: int = 0
     generations: int = 0
     first_plan: float | None = None
+
+    def note_plan(self, time: float) -> None:
+        """Note an attempt to plan and its computing time [s]."""
+        self.planning.append(time)
+        self.plans, self.planned = self.plans + 1, self.planned + time
 
     def note(self, allowed: Allowed, scene: Scene) -> None:
         """Note what the safety filter allowed: what hindered, and how far rows were relaxed."""
@@ -75,7 +90,7 @@ class ExecutionLog:
     def summary(self) -> dict[str, Any]:
         """Return what the summary of every stored execution says of it."""
         return {
-            "plans": len(self.planning),
+            "plans": self.plans,
             "control_s_median": self.quantile(0.5),
             "control_s_p999": self.quantile(0.999),
             "relaxed_max": self.relaxed,
@@ -176,12 +191,11 @@ class ControlLoop:
 
     def _step(self, lag: float = 0.0) -> None:
         """Perform one control step: replan, filter, move."""
-        begun, n_planned = clock.perf_counter(), len(self.log.planning)
+        begun = clock.perf_counter() - self.log.planned
         self.replanner.update(self)
         self._advance(lag)
         self.n_steps += 1
-        planned = sum(self.log.planning[n_planned:])
-        self.log.control.append(clock.perf_counter() - begun - planned)
+        self.log.control.append(clock.perf_counter() - self.log.planned - begun)
 
     def _advance(self, lag: float) -> None:
         """Move by one control step, of whose commands the last one is missed by `lag`."""

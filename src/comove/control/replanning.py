@@ -220,9 +220,9 @@ class PlanReplanner(Replanner):
         else:
             if not (log.events and log.events[-1].what.startswith(NO_PLAN)):  # once is enough
                 run.tell(f"{NO_PLAN}: {found.reasons[0]}")
-        log.planning.append(clock.perf_counter() - begun)
+        log.note_plan(clock.perf_counter() - begun)
         if self.plan is not None and log.first_plan is None:
-            log.first_plan = sum(log.planning)
+            log.first_plan = log.planned
 
     def remaining(self, scene: Scene, now: float) -> dict[str, DMP] | None:
         """Return the rest of each demonstration from an instant on; None where it is nearly done or there is none."""

@@ -45,6 +45,33 @@ MOST = {
 }
 
 
+def _require_positive(settings: Scanner | Association) -> None:
+    for name, most in MOST.items():
+        if hasattr(settings, name):
+            require_positive(name, getattr(settings, name), most)
+
+
+@dataclass(frozen=True)
+class Association:
+    """Settings by which points of a cloud are associated with spheres and tracks of the one before.
+
+    Attributes
+    ----------
+    other : share of its points by which a track must grow or shrink for its middle to say nothing
+    deep : share of a sphere's radius; points so near to its centre say that it is still seen
+    alike : difference of velocity up to which tracks that touch are one [m/s]
+    forgotten : factor on a track's `stray` from one cloud to the next
+    """
+
+    other: float = 0.25
+    deep: float = 0.5
+    alike: float = 0.05
+    forgotten: float = 0.5
+
+    def __post_init__(self) -> None:
+        _require_positive(self)
+
+
 @dataclass(frozen=True)
 class Scanner:
     """The accuracy of point clouds, and settings of their tracking.
@@ -60,13 +87,10 @@ class Scanner:
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
     fastest : standard deviation of a velocity that is not known yet [m/s]
     sigmas : margin for noise and unknown motion, in standard deviations
-    other : share of its points by which a track must grow or shrink for its middle to say nothing
-    deep : share of a sphere's radius; points so near to its centre say that it is still seen
-    alike : difference of velocity up to which tracks that touch are one [m/s]
-    forgotten : factor on a track's `stray` from one cloud to the next
     around : distance beyond the workspace up to which points count [m]
     future : time by which a cloud may be ahead of the clock [s]
     history : time for which it is known where the load was [s]
+    association : how points are associated with what was seen before
     """
 
     noise: float = 0.002
@@ -78,17 +102,13 @@ class Scanner:
     agility: float = 0.1
     fastest: float = 0.5
     sigmas: float = 3.0
-    other: float = 0.25
-    deep: float = 0.5
-    alike: float = 0.05
-    forgotten: float = 0.5
     around: float = 0.2
     future: float = 1.0
     history: float = 2.0
+    association: Association = Association()
 
     def __post_init__(self) -> None:
-        for name, most in MOST.items():
-            require_positive(name, getattr(self, name), most)
+        _require_positive(self)
         require_count("most", self.most, 1000)
         if self.spacing > self.detail:
             raise OptionError(
@@ -188,15 +208,15 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
     tracks, spheres = now.tracks, now.spheres
     reach = margins(now, time, scanner) + scanner.spacing
     nearest, beyond, confirmed = _nearest_spheres(
-        cells.point, spheres.center, spheres.radius, reach, scanner.deep
+        cells.point, spheres.center, spheres.radius, reach, scanner.association.deep
     )
     known = nearest >= 0
     label = np.where(known, spheres.track[nearest] if len(spheres.track) else -1, -1)
     # How far points lie out of where the motion puts them, margins aside.
     out = np.zeros(len(tracks.size))
     np.maximum.at(out, label[known], np.maximum(beyond[known] - reach[nearest[known]] + scanner.spacing, 0.0))
-    tracks = tracks._replace(stray=np.maximum(out / lapse, scanner.forgotten * tracks.stray))
-    part, heirs = _parts(cells, label, tracks.velocity, scanner.alike)
+    tracks = tracks._replace(stray=np.maximum(out / lapse, scanner.association.forgotten * tracks.stray))
+    part, heirs = _parts(cells, label, tracks.velocity, scanner.association.alike)
     tracks = _measured(tracks, points, part[cells.of], heirs, time, scanner)
     pad = scanner.sigmas * scanner.noise + scanner.spacing / sqrt(2.0)  # between the points of a square grid
     fresh = covered(points, cells, part, scanner.detail, scanner.most)
@@ -246,7 +266,7 @@ def _measured(
         return Tracks(middle, np.zeros((n, 3)), fresh, size, np.full(n, time), none)
     state, is_heir = before.at(old), heirs >= 0
     first = np.unique(heirs, return_index=True)[1]  # of several heirs, the largest
-    same = is_heir & (np.abs(size - state.size) <= scanner.other * state.size)
+    same = is_heir & (np.abs(size - state.size) <= scanner.association.other * state.size)
     same &= np.isin(np.arange(n), first)
     gain = state.covariance[:, :, 0] / (state.covariance[:, 0, 0] + variance)[:, None]
     gain *= same[:, None]

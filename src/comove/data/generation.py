@@ -367,6 +367,12 @@ class Study:
         if self.file.cameras is not None:
             require_cameras()
 
+    def example_scenes(self) -> Iterator[Scene]:
+        """Yield the scenes of the first episodes."""
+        for number in range(min(8, self.total)):
+            if (scene := self.draw(number).scene) is not None:
+                yield scene
+
     def contents(self, number: int, rng: np.random.Generator) -> dict[str, Any]:
         """Return the contents of a scene file, drawn once."""
         data = copy.deepcopy(self.template)
@@ -423,7 +429,7 @@ def _distribution(part: DrawPart, folder: Path, said: object = None) -> Distribu
     Demonstrations that are drawn are read, laid and scaled as the scene says of its own demonstration, `said`.
     """
     laid = _kept(said, ("plane", "scale"))
-    read = laid | _kept(said, ("manipulator", "topic", *READING))
+    read = laid | _kept(said, [key for key in ("manipulator", *READING) if key != "episode"])
     if part.uniform is not None:
         return Uniform(*map(np.asarray, part.uniform))
     if part.normal is not None:

@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import islice
 from typing import Literal
 
 from comove.dmp.dmp import DMP
@@ -15,8 +16,9 @@ from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError
 from comove.model.demonstration import demonstration_of
 from comove.model.scene import Scene
-from comove.planning import Comove, LeastJerk, LeastTime, PaperCost, Solution, solve
+from comove.planning import Comove, LeastJerk, LeastTime, PaperCost, SceneKind, Solution, solve
 from comove.planning.method import Method
+from comove.planning.warming import JOBS, require
 from comove.processes import TaskResult, run_tasks
 from comove.verification.verify import VerifiedMotion, verify
 
@@ -154,9 +156,26 @@ def solve_many(
     return _outcomes(work, enumerate(scenes), workers)
 
 
+def require_kernels(scenes: Iterable[Scene], *, robots: bool = True) -> None:
+    """Wait until the kernels for scenes are compiled, by all cores: each process of a pool would do so alone.
+
+    Parameters
+    ----------
+    robots : whether the robots that scenes name carry
+    """
+    kinds = dict.fromkeys((SceneKind.of(scene), robots and scene.file.robot is not None) for scene in scenes)
+    names = dict.fromkeys(name for kind, on_robot in kinds for name in _jobs(kind, on_robot))
+    require(*(name for name in names if JOBS[name].is_possible))
+
+
+def _jobs(kind: SceneKind, on_robot: bool) -> tuple[str, ...]:
+    return kind.robot_jobs if on_robot else kind.jobs
+
+
 def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: int) -> Iterator[Solved]:
     """Yield the outcomes of tasks; those whose process was killed are tried again."""
-    again: deque[tuple[int, Scene]] = deque()
+    again = deque(islice(tasks, workers))
+    require_kernels((scene for _, scene in again), robots=False)
     kills: Counter[int] = Counter()
 
     def next_task() -> tuple[int, Scene] | None:

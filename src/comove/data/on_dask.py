@@ -9,6 +9,7 @@ from typing import Any
 
 from comove._version import __version__
 from comove.data.episode import Made
+from comove.data.many import require_kernels
 from comove.data.runner import Run, RunSource
 from comove.errors import ComoveError, ExtraError, InputError, OptionError
 from comove.processes import ONE_THREAD, TaskResult
@@ -45,7 +46,7 @@ def on_dask(address: str, workers: int, timeout: float = 10.0) -> Run:
     def run(
         study: RunSource, next_task: Callable[[], int | None], allowed: float
     ) -> Iterator[TaskResult[int, Made]]:
-        with _connected(address, workers, timeout) as client:
+        with _connected(study, address, workers, timeout) as client:
             _require_version(client)
             _require(client, study)
             yield from _run(client, study.run, next_task)
@@ -54,12 +55,13 @@ def on_dask(address: str, workers: int, timeout: float = 10.0) -> Run:
 
 
 @contextmanager
-def _connected(address: str, workers: int, timeout: float) -> Iterator[Any]:
+def _connected(study: RunSource, address: str, workers: int, timeout: float) -> Iterator[Any]:
     """Lend a client of the scheduler; one that was started for it ends with it."""
     import dask
     from distributed import Client, LocalCluster
 
     if address == LOCAL:
+        require_kernels(study.example_scenes())
         with (
             dask.config.set({"distributed.scheduler.allowed-failures": 0, ENVIRONMENT: dict(ONE_THREAD)}),
             LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,

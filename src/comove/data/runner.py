@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from comove.data.episode import Made
-from comove.data.many import KILLS, MORE, TIMES, lost
+from comove.data.many import KILLS, MORE, TIMES, lost, require_kernels
 from comove.data.runs import LONGEST, RUNS, StudyRun, StudyStore
 from comove.errors import OptionError, ResultError
 from comove.io.files import require_room, telling
+from comove.model.scene import Scene
 from comove.processes import TaskResult, run_tasks
 
 Task = TypeVar("Task")
@@ -47,6 +48,9 @@ class RunSource(Protocol):
 
     def require(self) -> None:
         """Make sure that runs can be done in this process, or raise a `ComoveError` with the way out."""
+
+    def example_scenes(self) -> Iterable[Scene]:
+        """Return scenes of all the kinds that runs solve, as far as they are known before."""
 
     def key(self, number: int) -> str:
         """Return the key of a run."""
@@ -116,6 +120,7 @@ def on_processes(workers: int) -> Run:
         study: RunSource, next_task: Callable[[], int | None], allowed: float
     ) -> Iterator[TaskResult[int, Made]]:
         study.require()
+        require_kernels(study.example_scenes())
         return run_tasks(study.run, next_task, workers=workers, allowed=allowed)
 
     if workers < 1:

@@ -158,9 +158,8 @@ class Sweep:
     def files(self) -> list[Path]:
         """Return the files and folders that the runs follow from, but the study's own."""
         found = [scene.path for scene in self.scenes if scene.path is not None]
+        found += [file for scene in self.example_scenes() for file in files_of_scene(scene)]
         for swept, settings in itertools.product(self.scenes, self.settings):
-            with suppress(SceneError):  # a setting that makes no scene has no files
-                found += files_of_scene(_changed(swept, settings))
             if (name := swept.robot(settings)) is not None:
                 from comove.data.carried import robot_named
 
@@ -173,6 +172,12 @@ class Sweep:
             from comove.sim.engine import engine
 
             engine()
+
+    def example_scenes(self) -> Iterator[Scene]:
+        """Yield the scenes with all settings but those that make none."""
+        for swept, settings in itertools.product(self.scenes, self.settings):
+            with suppress(SceneError):
+                yield _changed(swept, settings)
 
     def _at(self, number: int) -> tuple[SweptScene, str, Mapping[str, Any], int]:
         seed, rest = divmod(number, self._combinations)

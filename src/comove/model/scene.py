@@ -84,9 +84,6 @@ class Scene:
     file : the parsed scene file
     folder : the folder to which the file's paths are relative
     path : path of the scene file, None where the scene was built in memory
-    start, goal : arrays, shape (n_manipulators, n_dims), [m], moved onto the constraints where the file
-        misses them by no more than their tolerance
-    lower, upper : arrays, shape (n_dims,), workspace [m]
     groups : rigid groups in the order of their first member; every manipulator is in one
     constraints : constraints that must hold at every instant, with the distances that load and relative poses imply
     body : the geometry of load and hands that must keep clear of obstacles
@@ -107,10 +104,6 @@ class Scene:
     file: SceneFile
     folder: Path
     path: Path | None
-    start: Array
-    goal: Array
-    lower: Array
-    upper: Array
     groups: tuple[RigidGroup, ...]
     constraints: tuple[Constraint, ...]
     body: MovingBody
@@ -242,9 +235,7 @@ class Scene:
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
         later = self.timed(duration)._changed(choices=None)  # it is held in one way by now
-        later = replace(later, groups=groups, begins=self.begins + time)
-        hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
-        return replace(later, start=hands)
+        return replace(later, groups=groups, begins=self.begins + time)
 
     def standing(self) -> Scene:
         """Return the scene without the obstacles that move."""
@@ -400,7 +391,37 @@ class Scene:
     @property
     def n_dims(self) -> int:
         """Return 2 in the plane, 3 in space."""
-        return len(self.lower)
+        return self.file.dimension
+
+    @cached_property
+    def lower(self) -> Array:
+        """Return the lower corner of the workspace; array, shape (n_dims,) [m]."""
+        return np.array(self.file.workspace.lower, dtype=float)
+
+    @cached_property
+    def upper(self) -> Array:
+        """Return the upper corner of the workspace; array, shape (n_dims,) [m]."""
+        return np.array(self.file.workspace.upper, dtype=float)
+
+    @cached_property
+    def start(self) -> Array:
+        """Return the hands at the start; array, shape (n_manipulators, n_dims) [m].
+
+        They are moved onto the constraints where the file misses them by no more than their tolerance.
+        """
+        return self._hands_at("start")
+
+    @cached_property
+    def goal(self) -> Array:
+        """Return the hands at the goal, as `start`."""
+        return self._hands_at("goal")
+
+    def _hands_at(self, end: str) -> Array:
+        hands = np.zeros((len(self.file.manipulators), 3))
+        for group in self.groups:
+            pose = group.start if end == "start" else group.goal
+            hands[list(group.members)] = pose.place(group.points)[: len(group.members)]
+        return hands[:, : self.n_dims]
 
     @property
     def manipulators(self) -> tuple[str, ...]:
@@ -803,7 +824,6 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
     held = {
         whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
     }
-    n_dims, n_hands = file.dimension, len(file.names)
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
     explicit = _resolved(file, spatial(given[0]), path)
     start, goal = spatial(given)
@@ -819,10 +839,6 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         file=file,
         folder=folder,
         path=path,
-        start=given[0],
-        goal=given[1],
-        lower=np.array(file.workspace.lower, dtype=float),
-        upper=np.array(file.workspace.upper, dtype=float),
         groups=tuple(groups),
         constraints=explicit + tuple(implied),
         body=body_of(file, groups, held.get(LOAD)),
@@ -835,10 +851,8 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
     )
     _require_slow_tips(scene)
-    moved = [scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS]
-    for end, before, after in zip(ENDS, given, moved, strict=True):
+    for end, before, after in zip(ENDS, given, scene.ends, strict=True):
         _say_shift(end, before, after, scene.manipulators)
-    scene = replace(scene, start=moved[0], goal=moved[1])
     _require_heading(scene, path)
     if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
         place = f"{path}: " if path is not None else ""

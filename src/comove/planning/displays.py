@@ -67,7 +67,7 @@ class _Line:
 
     @contextmanager
     def warming_up(self, state: WarmUp) -> Iterator[None]:
-        self._show(f"compiling, once after installation, on {state.workers} cores")
+        self._show(state.words)
         begun = now()
         yield
         self.compiled.seconds += now() - begun

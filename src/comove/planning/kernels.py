@@ -59,6 +59,11 @@ class SceneKind:
         more = ["moving plans"] * self.moving + ["meshes"] * self.meshes
         return f"{name} plans", f"{name} motions", *more
 
+    @property
+    def robot_jobs(self) -> tuple[str, ...]:
+        """Return the names of the jobs that need the kernels with which robots carry in scenes of the kind."""
+        return "robot motions", "robot plans, moving" if self.moving else "robot plans", *self.jobs
+
 
 def load_kernels(kind: SceneKind) -> None:
     """Wait until all kernels that are needed to solve scenes of a kind are compiled, once after installation."""

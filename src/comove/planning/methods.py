@@ -286,7 +286,7 @@ class Comove(Method):
 
         The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
         smoothed first: long paths seldom make good motions. In the plane, those that can be deformed into a motion
-        that is known would become the same.
+        that is known would become the same. Where one path is enough, that of the demonstration is.
         """
         failures = idle = met = smooth = 0
         known = list[tuple[Array, float]]()
@@ -297,6 +297,11 @@ class Comove(Method):
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
         n_ways = search.level.ways or n_ways
+        taught = search.taught is not None and follows(search)
+        if taught and n_ways == 1:
+            taught = False
+            if self._smooth_demonstration(search):
+                return True
         while tried < n_ways and idle < n_idle and met < n_met:
             if idle >= self.settings.hasty_idle and (
                 hasty or (search.found.best is None and search.found.needed < np.inf)
@@ -324,9 +329,8 @@ class Comove(Method):
                 tried, idle = tried + 1, idle + 1
                 met += like < (1 + self.settings.worth_another) * search.found.best_cost
                 continue
-            if tried == 0 and search.taught is not None and follows(search):
-                search.journal.stage = "smoothing the demonstration"
-                smooth_demonstration(search, search.taught, self.settings.smoothing)
+            if tried == 0 and taught:
+                self._smooth_demonstration(search)
             search.journal.stage = "smoothing"
             # The first target is run with least jerk, or as it was planned in time.
             boundary = np.stack([ends[0], ends[1], goal, ends[3]])
@@ -356,6 +360,11 @@ class Comove(Method):
         return (
             search.found.best is not None or search.found.needed < np.inf
         )  # which no other way would shorten much
+
+    def _smooth_demonstration(self, search: Search) -> bool:
+        """Adapt the demonstration to the scene and smooth it; return whether it is verified."""
+        search.journal.stage = "smoothing the demonstration"
+        return smooth_demonstration(search, search.taught or (), self.settings.smoothing)
 
     def _will_do(self, search: Search) -> bool:
         return False

@@ -172,7 +172,6 @@ def problem_of(
         tuple(checks),
         kinematics,
         progress,
-        smooth,
         stop,
         precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
         level,
@@ -197,7 +196,7 @@ def check_method(
     hard : whether obstacles are constraints, not only costs
     """
     method.check(scene)
-    smooth = isinstance(method, Comove) and method.smooths and planner and hard
+    smooth = _is_smooth(method, planner, hard)
     plain = objective is None or not objective.is_smooth
     if not smooth and not (plain and functions is None):
         raise OptionError(
@@ -219,7 +218,6 @@ class Problem:
     own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     hard : whether obstacles are constraints, not only costs
     given_checks : checks of the caller, besides those of the kinematics
-    smooth : whether motions are made smooth, by comove's own method
     precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
     effort : how hard the search tries to better a verified motion
     """
@@ -236,7 +234,6 @@ class Problem:
     given_checks: tuple[Check, ...]
     kinematics: Kinematics
     progress: ProgressCallback | None
-    smooth: bool
     stop: Callable[[], bool] | None = None
     precision: Array | None = None
     effort: EffortLevel = NORMAL
@@ -257,9 +254,15 @@ class Problem:
 
         It is False for other methods and `Quick`, limited kinematics, functions of the user, and moving obstacles.
         """
-        patient = self.smooth and not isinstance(self.method, Quick)  # others take what is a little too fast
+        smooth = _is_smooth(self.method, self.planner, self.hard)
+        patient = smooth and not isinstance(self.method, Quick)  # others take what is a little too fast
         limited = self.kinematics.has_limits or self.own is not None or self.scene.moving.any()
         return patient and not limited and self.is_timed and least_possible(self.scene) > self.scene.duration
+
+
+def _is_smooth(method: Method, planner: bool, hard: bool) -> bool:
+    """Return whether motions are made smooth: by comove's own method."""
+    return isinstance(method, Comove) and method.smooths and planner and hard
 
 
 def _what_is_asked(objective: Criterion | None, functions: OwnFunctions | None) -> str:

@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from collections import deque
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
@@ -101,8 +102,10 @@ def require(*names: str) -> None:
 
 def _go_on_in_background() -> None:
     none = subprocess.DEVNULL
-    command = [sys.executable, "-P", "-m", "comove.planning.warming"]
-    subprocess.Popen(command, stdin=none, stdout=none, stderr=none, start_new_session=True)
+    # Not by -m: of what belongs to the main program, nothing can be sent to the processes of a pool.
+    command = [sys.executable, "-P", "-c", f"from {__name__} import main; main()"]
+    process = subprocess.Popen(command, stdin=none, stdout=none, stderr=none, start_new_session=True)
+    threading.Thread(target=process.wait, daemon=True).start()  # else it stays a zombie when it has ended
 
 
 def unfinished() -> list[str]:
@@ -150,8 +153,5 @@ def main() -> None:
     with suppress(OSError), open(place / LOCK, "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.nice(10)
-        warm_up(unfinished())
-
-
-if __name__ == "__main__":
-    main()
+        if names := unfinished():
+            warm_up(names)

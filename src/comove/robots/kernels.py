@@ -34,7 +34,7 @@ def load_robot_kernels(kind: SceneKind, *more: str) -> None:
     ----------
     more : names of further jobs
     """
-    require(*more, "robot motions", "robot plans, moving" if kind.moving else "robot plans", *kind.jobs)
+    require(*more, *kind.robot_jobs)
 
 
 def follow() -> None:

@@ -13,6 +13,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import coal
 import numpy as np
@@ -64,6 +65,10 @@ class Arm:
     fingers: tuple[str, ...]
     payload: float = np.inf
     hand: float = 0.0
+
+
+# Robots in use, by description and checksum: who loads one again gets it with all that was computed for it.
+_LOADED: WeakValueDictionary[tuple[Path, str], Robot] = WeakValueDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +128,7 @@ class Robot:
         loaded = assembled(load_description(path), path)
         with errors_in(path):
             _require_grippers_apart(loaded)
-        return loaded
+        return _LOADED.setdefault((path, loaded.sha256), loaded)
 
     @property
     def name(self) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from comove._doors import lazily
 
 if TYPE_CHECKING:
-    from comove.sim.execution import Contact as Contact, Execution as Execution
+    from comove.sim.execution import Conditions as Conditions, Contact as Contact, Execution as Execution
     from comove.sim.files import SIMULATION as SIMULATION, write_simulation as write_simulation
     from comove.sim.grasps import (
         GRASPS as GRASPS,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__, __getattr__, __dir__ = lazily(
     __name__,
     {
-        "sim.execution": ["Contact", "Execution"],
+        "sim.execution": ["Conditions", "Contact", "Execution"],
         "sim.files": ["SIMULATION", "write_simulation"],
         "sim.grasps": ["GRASPS", "Connect", "Friction", "GraspModel", "Weld"],
         "sim.pictures": ["ABOVE", "FRONT", "View", "draw_film", "draw_sheet"],

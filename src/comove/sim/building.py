@@ -19,7 +19,7 @@ from comove.sim.loads import Load
 from comove.sim.servos import add_servos
 from comove.sim.settings import PLAN, Perturbation
 from comove.sim.urdf import for_mujoco
-from comove.sim.world import ROBOT, SimulatedWorld, add_load, add_obstacles
+from comove.sim.world import ROBOT, Holder, SimulatedWorld, add_load, add_obstacles
 
 TIMESTEP = 0.002  # s
 LIGHTEST = 1e-6  # kg, that a joint moves: what has no mass is given a thousandth of it (`sim.urdf`)
@@ -156,10 +156,15 @@ def _indexed(
         servos=np.array([model.actuator(name).id for name in robot.joint_names]),
         lead=lead,
         sites=np.array([model.site(f"hand {arm.name}").id for arm in arms]),
-        holder_names=tuple(arm.name for arm in holding),
-        holder_sites=np.array([model.site(f"hand {arm.name}").id for arm in holding], dtype=int),
-        held_sites=np.array([model.site(f"held {arm.name}").id for arm in holding], dtype=int),
-        fingers=tuple(tuple(f for f in arm.fingers if f in moving) for arm in holding),
+        holders=tuple(
+            Holder(
+                arm.name,
+                model.site(f"hand {arm.name}").id,
+                model.site(f"held {arm.name}").id,
+                tuple(finger for finger in arm.fingers if finger in moving),
+            )
+            for arm in holding
+        ),
         load_body=body,
         load_qpos=int(model.joint(THE_LOAD).qposadr[0]) if loaded else -1,
         load_dof=int(model.joint(THE_LOAD).dofadr[0]) if loaded else -1,

@@ -14,7 +14,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.sim.building import TIMESTEP, build_world
 from comove.sim.engine import engine, without_log
-from comove.sim.execution import Contact, Execution, obstacle_time
+from comove.sim.execution import Conditions, Contact, Execution, obstacle_time
 from comove.sim.grasps import GraspModel, Weld
 from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
@@ -73,12 +73,8 @@ def simulate(
         robot=robot,
         scene=scene,
         motion=motion,
-        simulator="mujoco",
-        grasp=grasp,
+        conditions=Conditions("mujoco", grasp, settings, perturbation),
         load=load,
-        settings=settings,
-        perturbation=perturbation,
-        hands_planned=hand_poses(robot, scene, log["commanded"]),
         **log,
     )
 
@@ -110,7 +106,7 @@ def _move_grasps(world: SimulatedWorld, data: Any) -> None:
     if world.load is None:
         return
     load, turned = world.load_body, data.xmat[world.load_body].reshape(3, 3)
-    for hand, held in zip(world.holder_sites, world.held_sites, strict=True):
+    for _, hand, held, _ in world.holders:
         model.site_pos[held] = turned.T @ (data.site_xpos[hand] - data.xpos[load])
         mj.mju_mat2Quat(model.site_quat[held], (turned.T @ data.site_xmat[hand].reshape(3, 3)).ravel())
         model.site_sameframe[held] = 0
@@ -164,10 +160,8 @@ def _run(
     took = perf_counter() - began
     if unstable is not None:
         log.forget_broken()
-    count = log.count
     return {
-        "time": time[::every][:count],
-        "commanded": position[::every][:count],
+        "time": time[::every][: log.count],
         **log.series(),
         "contacts": contacts_of(world, contacts),
         "steps_per_second": (step + 1) / took,
@@ -236,11 +230,11 @@ class _Log:
 
     def __init__(self, world: SimulatedWorld, n_steps: int):
         self.world, self.count = world, 0
-        model, holders = world.model, len(world.holder_sites)
+        model, self.holder_sites = world.model, [holder.site for holder in world.holders]
         self.finger_qpos = world.finger_qpos
         self.hand_of_equality = np.full(model.neq, -1)
-        for i, name in enumerate(world.holder_names):
-            equality = engine().mj_name2id(model, engine().mjtObj.mjOBJ_EQUALITY, f"grasp {name}")
+        for i, holder in enumerate(world.holders):
+            equality = engine().mj_name2id(model, engine().mjtObj.mjOBJ_EQUALITY, f"grasp {holder.name}")
             if equality >= 0:
                 self.hand_of_equality[equality] = i
         self.joints = np.empty((n_steps, len(world.qpos)))
@@ -248,7 +242,7 @@ class _Log:
         self.fingers = np.empty((n_steps, len(self.finger_qpos)))
         self.hands = np.zeros((n_steps, len(world.sites), 4, 4))
         self.load_pose = np.empty((n_steps, 4, 4))
-        self.wrench = np.zeros((n_steps, holders, 6))
+        self.wrench = np.zeros((n_steps, len(world.holders), 6))
         self.hands[..., 3, 3] = 1.0
 
     def write_state(self, data: Any) -> None:
@@ -278,10 +272,10 @@ class _Log:
             return
         rows = data.efc_J.reshape(data.nefc, n_dofs)[:, world.load_dof : world.load_dof + 6]
         hand = self._hand_of_rows(data)
-        by_hand = (hand[None, :] == np.arange(len(world.holder_sites))[:, None]) * data.efc_force
+        by_hand = (hand[None, :] == np.arange(len(world.holders))[:, None]) * data.efc_force
         wrench = by_hand @ rows
         turned = data.xmat[world.load_body].reshape(3, 3)
-        arms = data.site_xpos[world.holder_sites] - data.xpos[world.load_body]
+        arms = data.site_xpos[self.holder_sites] - data.xpos[world.load_body]
         self.wrench[self.count, :, :3] = wrench[:, :3]
         self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
 

@@ -31,8 +31,8 @@ from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import MovingObstacles, beyond_wrists, depth_of, obstacle_object
-from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
-from comove.sim.settings import PLAN, Perturbation, Settings
+from comove.sim.loads import SETTLED, Load, carried, hand_poses, points_of, supports_under
+from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
 
 if TYPE_CHECKING:
     from comove.sim.grasps import GraspModel
@@ -54,6 +54,23 @@ class Contact:
     depth: float
 
 
+@dataclass(frozen=True)
+class Conditions:
+    """The conditions under which a joint motion was executed.
+
+    Attributes
+    ----------
+    simulator : "mujoco" or "geometric"
+    grasp : model of the grasp by which the hands held the load
+    settings, perturbation : settings and perturbation of the simulation
+    """
+
+    simulator: str
+    grasp: GraspModel
+    settings: Settings = USUAL
+    perturbation: Perturbation = PLAN
+
+
 @dataclass(frozen=True, eq=False)
 class Execution:
     """A joint motion as it was executed.
@@ -64,14 +81,12 @@ class Execution:
     Attributes
     ----------
     robot, scene, motion : the joint motion, and the robot and the scene on which it was executed
-    simulator : "mujoco" or "geometric"
-    grasp : model of the grasp by which the hands held the load
+    conditions : simulator, grasp, settings and perturbation
     load : the load; None if there is none
-    settings, perturbation : settings and perturbation of the simulation
     time : array, shape (n_steps,), times of the samples [s]
-    commanded, joints : arrays, shape (n_steps, n_joints), commanded and measured joint positions [rad]
+    joints : array, shape (n_steps, n_joints), measured joint positions [rad]
     torque : array, shape (n_steps, n_joints), torques of the motors [N m]
-    hands, hands_planned : arrays, shape (n_steps, n_manipulators, 4, 4), measured and planned grasp frames
+    hands : array, shape (n_steps, n_manipulators, 4, 4), measured grasp frames
     load_pose : array, shape (n_steps, 4, 4), poses of the load; NaN without a load
     wrench : array, shape (n_steps, n_holders, 6), force and torque on the load at the grasps [N, N m]
     fingers : array, shape (n_steps, n_fingers), positions of the fingers' joints [rad or m]
@@ -85,21 +100,16 @@ class Execution:
     robot: Robot
     scene: Scene
     motion: JointMotion
-    simulator: str
-    grasp: GraspModel
+    conditions: Conditions
     load: Load | None
-    settings: Settings
     time: Array
-    commanded: Array
     joints: Array
     torque: Array
     hands: Array
-    hands_planned: Array
     load_pose: Array
     wrench: Array
     fingers: Array
     contacts: tuple[Contact, ...]
-    perturbation: Perturbation = PLAN
     steps_per_second: float = 0.0
     unstable: float | None = None
 
@@ -107,6 +117,16 @@ class Execution:
     def holders(self) -> list[int]:
         """Return the numbers of the hands that hold the load."""
         return [] if self.load is None else list(self.load.holders)
+
+    @cached_property
+    def commanded(self) -> Array:
+        """Return the commanded joint positions; array, shape (n_steps, n_joints) [rad]."""
+        return self.motion.at(np.clip(self.time, 0.0, self.motion.duration))[0]
+
+    @cached_property
+    def hands_planned(self) -> Array:
+        """Return the planned grasp frames; array, shape (n_steps, n_manipulators, 4, 4)."""
+        return hand_poses(self.robot, self.scene, self.commanded)
 
     @cached_property
     def held(self) -> Array:
@@ -209,10 +229,13 @@ class Execution:
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """Return the reasons why the load was not delivered, in words; empty where it was."""
-        limits, found = self.settings, []
+        limits, found = self.conditions.settings, []
         if self.unstable is not None:
             found.append(f"the simulation broke down at {self.unstable:.2f} s")
-        if self.start_error > np.linalg.norm(self.perturbation.start_error) + limits.end_error_limit:
+        if (
+            self.start_error
+            > np.linalg.norm(self.conditions.perturbation.start_error) + limits.end_error_limit
+        ):
             found.append(
                 f"the load was {1e3 * self.start_error:.1f} mm from its place when the motion began: the hands "
                 "did not hold it"

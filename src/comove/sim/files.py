@@ -30,7 +30,7 @@ from comove.results.sealed import (
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import without_gripper
-from comove.sim.execution import Contact, Execution, contacts_at
+from comove.sim.execution import Conditions, Contact, Execution, contacts_at
 from comove.sim.grasps import GRASPS
 from comove.sim.loads import are_poses, hand_poses, load_of
 from comove.sim.settings import USUAL, Perturbation
@@ -39,6 +39,7 @@ TOOLS = ("mujoco", "pin", "numpy")
 PLACED = 2e-2  # m, by which a load may be off its place when it is grasped
 DEEP = 1e-3  # m, from which on bodies count as inside each other: shapes of simulators are simplified
 LOOKS = 200  # samples at which it is looked what touches
+PLANNED = ("commanded", "hands_planned")  # series that follow from the motion
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
@@ -101,18 +102,18 @@ def write_simulation(execution: Execution, folder: str | Path, *, seed: int | No
 
 def _summary_of(execution: Execution, seed: int | None) -> Summary:
     """Return the contents of simulation.json."""
-    motion = execution.motion
+    motion, conditions = execution.motion, execution.conditions
     return {
         "delivered": execution.delivered,
         "reasons": list(execution.reasons),
-        "simulator": execution.simulator,
-        "grasp": {"kind": type(execution.grasp).__name__.lower(), **vars(execution.grasp)},
+        "simulator": conditions.simulator,
+        "grasp": {"kind": type(conditions.grasp).__name__.lower(), **vars(conditions.grasp)},
         **{name: finite(value) for name, value in execution.measures.items()},
         "without_gripper": list(without_gripper(execution.robot)),
         "contacts": [asdict(contact) for contact in execution.contacts],
         "seed": seed,
-        "perturbation": asdict(execution.perturbation),
-        "settings": asdict(execution.settings),
+        "perturbation": asdict(conditions.perturbation),
+        "settings": asdict(conditions.settings),
         "scene": execution.scene.name,
         "scene_sha256": execution.scene.sha256,
         "robot": execution.robot.name,
@@ -195,16 +196,13 @@ def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, moti
         "wrench": (n, n_holders, 6),
     }
     SIMULATION.require_shapes(arrays, shapes, loose=("load_pose",) if load is None else ())
-    series: dict[str, Any] = {name: arrays[name] for name in shapes}
+    series: dict[str, Any] = {name: arrays[name] for name in shapes if name not in PLANNED}
     return Execution(
         robot=robot,
         scene=scene,
         motion=motion,
-        simulator=str(summary["simulator"]),
-        grasp=grasp,
+        conditions=Conditions(str(summary["simulator"]), grasp, USUAL, perturbation),
         load=load,
-        settings=USUAL,
-        perturbation=perturbation,
         contacts=contacts,
         fingers=arrays.get("fingers", np.zeros((n, 0))),
         **series,
@@ -213,22 +211,18 @@ def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, moti
 
 def _impossible(execution: Execution, arrays: Arrays) -> list[str]:
     """List what no simulation of the motion could have found, in words."""
-    robot, scene, motion, time = execution.robot, execution.scene, execution.motion, execution.time
+    motion, time = execution.motion, execution.time
     reasons, period = [], float(time[1] - time[0])
     if not (time[0] == 0.0 and np.abs(np.diff(time) - period).max() <= FITS and period > 0):
         reasons.append(f"the times in {SIMULATION.arrays} are not evenly spaced from 0 s")
     if not time[-1] >= motion.duration - FITS:
         reasons.append(f"{SIMULATION.arrays} ends before the motion does")
-    commanded = motion.at(np.clip(time, 0.0, motion.duration))[0]
-    right = {
-        "commanded": commanded,
-        "hands_planned": hand_poses(robot, scene, commanded),
-        "hands": hand_poses(robot, scene, execution.joints),
-    }
+    right = {name: getattr(execution, name) for name in PLANNED}
+    right["hands"] = hand_poses(execution.robot, execution.scene, execution.joints)
     for name, poses in right.items():
-        if not np.abs(getattr(execution, name) - poses).max() <= SAME:
+        if not np.abs(arrays[name] - poses).max() <= SAME:
             reasons.append(f"'{name}' in {SIMULATION.arrays} is not that of the motion and its joints")
-    if np.linalg.norm(execution.perturbation.start_error) > PLACED:
+    if np.linalg.norm(execution.conditions.perturbation.start_error) > PLACED:
         reasons.append(f"{SIMULATION.summary} says that the load began {PLACED:g} m or more from its place")
     if execution.load is not None and not are_poses(execution.load_pose):
         return [*reasons, f"'load_pose' in {SIMULATION.arrays} is no pose"]

@@ -85,8 +85,8 @@ class _Fixed(GraspModel):
 
     def close(self, world: SimulatedWorld, data: Any) -> None:
         """Activate the constraints, at the present poses of the hands."""
-        for name in world.holder_names:
-            data.eq_active[world.model.equality(f"grasp {name}").id] = 1
+        for holder in world.holders:
+            data.eq_active[world.model.equality(f"grasp {holder.name}").id] = 1
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class Friction(GraspModel):
         closing = 0.5  # s, in which fingers close, and in which they then grip
         beyond = 0.005  # m, behind its limit, to which a finger is sent
         mj, model = engine(), world.model
-        fingers = [finger for hand in world.fingers for finger in hand]
+        fingers = world.fingers
         low, high = np.array([model.joint(finger).range for finger in fingers]).T
         data.qpos[world.finger_qpos] = 0.5 * (low + high)
         mj.mj_forward(model, data)  # at 0, where joints begin, fingers may stand beyond each other
@@ -223,7 +223,7 @@ GRASPS: dict[str, type[Weld] | type[Connect] | type[Friction]] = {
 
 def _couple(world: SimulatedWorld, data: Any, travel: dict[str, tuple[float, float]]) -> None:
     """Couple all fingers of a hand, so that they close by the same share of their travel, from open to closed."""
-    for first, *others in world.fingers:
+    for first, *others in (holder.fingers for holder in world.holders):
         begin, end = travel[first]
         for finger in others:
             equality = world.model.equality(f"couple {finger}").id
@@ -240,7 +240,7 @@ def _require_room(world: SimulatedWorld, data: Any) -> None:
         hand = world.hand_of_geom[pair].max()
         if hand >= 0 and distance < -overlap and not world.watched[tuple(pair)]:
             raise RobotError(
-                f"the hand '{world.holder_names[hand]}' does not open wide enough for the load",
+                f"the hand '{world.holders[hand].name}' does not open wide enough for the load",
                 key="load",
                 way_out="make it thinner, turn the hands, or weld it to them",
             )
@@ -250,7 +250,7 @@ def _inward(world: SimulatedWorld, data: Any, finger: str) -> float:
     """Return the direction, 1 or -1, in which a joint brings its finger nearer to its hand's line of approach."""
     mj, model = engine(), world.model
     joint = model.joint(finger)
-    site = next(s for s, names in zip(world.holder_sites, world.fingers, strict=True) if finger in names)
+    site = next(holder.site for holder in world.holders if finger in holder.fingers)
     of_finger = [hangs_on(model, body, int(model.jnt_bodyid[joint.id])) for body in model.geom_bodyid]
     geoms = np.flatnonzero(of_finger & (model.geom_contype > 0))
     away = data.geom_xpos[geoms] - data.site_xpos[site]

@@ -26,7 +26,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.sim.building import build_world
 from comove.sim.engine import engine, no_pictures, require_pictures, without_log
-from comove.sim.execution import Execution, obstacle_time
+from comove.sim.execution import Conditions, Execution, obstacle_time
 from comove.sim.grasps import GraspModel, Weld
 from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
@@ -49,9 +49,8 @@ class FilmedRun:
     robot: Robot
     scene: Scene
     motion: JointMotion
-    grasp: GraspModel
+    conditions: Conditions
     load: Load | None
-    perturbation: Perturbation
     time: Array
     joints: Array
     hands: Array
@@ -71,7 +70,8 @@ class FilmedRun:
         pose = np.array(record.load)
         hands = hand_poses(robot, scene, measured)
         time, motion = np.array(record.time), record.motion
-        return cls(robot, scene, motion, grasp, load, perturbation, time, measured, hands, planned, pose)
+        conditions = Conditions("mujoco", grasp, perturbation=perturbation)
+        return cls(robot, scene, motion, conditions, load, time, measured, hands, planned, pose)
 
 
 Filmed = Execution | FilmedRun
@@ -246,8 +246,8 @@ def stage(
             execution.robot,
             execution.scene,
             execution.load,
-            execution.grasp,
-            execution.perturbation,
+            execution.conditions.grasp,
+            execution.conditions.perturbation,
             finish=finish,
         )
         data, options = engine().MjData(world.model), engine().MjvOption()

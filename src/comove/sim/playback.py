@@ -17,7 +17,7 @@ from comove.model.scene import Scene
 from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.sim.execution import Execution, contacts_between
+from comove.sim.execution import Conditions, Execution, contacts_between
 from comove.sim.grasps import Weld
 from comove.sim.loads import (
     Load,
@@ -51,16 +51,12 @@ def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings 
         robot=robot,
         scene=scene,
         motion=motion,
-        simulator="geometric",
-        grasp=Weld(),
+        conditions=Conditions("geometric", Weld(), settings),
         load=load,
-        settings=settings,
         time=time,
-        commanded=joints,
         joints=joints,
         torque=torques(robot, _loaded(robot, scene, load), joints, velocity, acceleration),
         hands=hands,
-        hands_planned=hands,
         load_pose=poses,
         wrench=wrench,
         fingers=np.empty((n_steps, 0)),

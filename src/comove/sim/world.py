@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,22 @@ ROBOT, OTHER = (1, 2), (2, 3)  # contype, conaffinity
 GROUP = 2  # of obstacles, floor and load; shapes that links collide with are in 0, those that are drawn in 1
 
 
+class Holder(NamedTuple):
+    """A hand that holds the load.
+
+    Attributes
+    ----------
+    name : name of its arm
+    site, held : indices of the sites of its grasp frame, and of its grasp on the load
+    fingers : names of the joints of its fingers, empty where they do not move
+    """
+
+    name: str
+    site: int
+    held: int
+    fingers: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class SimulatedWorld:
     """A compiled MuJoCo model with the indices of what is in it.
@@ -38,10 +54,7 @@ class SimulatedWorld:
         robot's joints, in its order
     lead : array, shape (n_joints,), factor of a reference velocity in the servos' reference position [s]
     sites : array, shape (n_manipulators,), indices of the hands' grasp frames
-    holder_names : names of the arms that hold the load
-    holder_sites, held_sites : arrays, shape (n_holders,), indices of the sites of these hands, and of their grasps on
-        the load
-    fingers : names of the joints of each holder's fingers, empty where they do not move
+    holders : the hands that hold the load
     load_body, load_qpos, load_dof : indices of the load's body, first coordinate and first degree of freedom; -1
         without a load
     hand_of_geom : array, shape (n_geoms,), number of the holder that a shape belongs to, -1 for none
@@ -56,10 +69,7 @@ class SimulatedWorld:
     servos: Integers
     lead: Array
     sites: Integers
-    holder_names: tuple[str, ...]
-    holder_sites: Integers
-    held_sites: Integers
-    fingers: tuple[tuple[str, ...], ...]
+    holders: tuple[Holder, ...]
     load_body: int
     load_qpos: int
     load_dof: int
@@ -67,9 +77,14 @@ class SimulatedWorld:
     watched: NDArray[np.bool_]
 
     @property
+    def fingers(self) -> list[str]:
+        """Return the names of the joints of all fingers that move."""
+        return [name for holder in self.holders for name in holder.fingers]
+
+    @property
     def finger_qpos(self) -> list[int]:
         """Return the indices of the coordinates of all fingers that move."""
-        return [int(self.model.joint(name).qposadr[0]) for hand in self.fingers for name in hand]
+        return [int(self.model.joint(name).qposadr[0]) for name in self.fingers]
 
     def load_pose(self, data: Any) -> Array:
         """Return the load's pose in a state, array of shape (4, 4); NaN without a load."""

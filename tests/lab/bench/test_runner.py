@@ -8,7 +8,9 @@ from contextlib import suppress
 
 import pytest
 
+from comove.data import many
 from comove.errors import OptionError
+from comove.lab.bench import runner
 from comove.lab.bench.runner import jobs_of, run_all
 from comove.lab.bench.sets import scenes_of
 from comove.lab.bench.store import RunStore
@@ -31,6 +33,14 @@ def told(store):
         (r.configuration.system, r.configuration.scene, r.status, r.message, r.figures.cost)
         for r in RunStore.open(store).runs()
     )
+
+
+def test_kernels_are_compiled_before_processes_that_would_compile_alone(tmp_path, monkeypatch):
+    done = []
+    monkeypatch.setattr(many, "require", lambda *names: done.append({*names}))
+    monkeypatch.setattr(runner, "run_tasks", lambda *_, **__: done.append("processes") or ())
+    drive(tmp_path / "runs.sqlite", Witnessed())
+    assert done[0] >= {"planar plans", "planar motions"} and done[1:] == ["processes"]
 
 
 @pytest.mark.slow

@@ -310,14 +310,24 @@ def test_a_rough_hull_is_never_further_away_than_its_mesh(monkeypatch):
 
 
 def test_what_cannot_be_computed_within_the_limit_is_not_certified(monkeypatch):
-    from comove.robots import verify_joints
+    """The reason names the pair that has the bound, which need not be the nearest one."""
     from comove.robots.verification import checks
 
-    few = JointCertificateSettings(parts=1, most=100)
-    monkeypatch.setattr(checks, "certify", partial(certify, settings=few))
-    verdict = verify_joints(baxter(), *known_carry())
+    few = partial(certify, settings=JointCertificateSettings(parts=1, most=100))
+    monkeypatch.setattr(checks, "certify", few)
+    motion, joints = known_carry()
+    verdict = verify_joints(baxter(), motion, joints)
     assert verdict.verified is None
-    assert all("could not be certified" in reason for reason in verdict.reasons)
+    carried, world = world_of(motion)
+    bounds = few(world, carried, joints.curve)
+    open_kinds = [kind for kind in range(3) if bounds[kind].lower < world.required[kind]]
+    assert open_kinds and len(verdict.reasons) == len(open_kinds)
+    for kind, reason in zip(open_kinds, verdict.reasons, strict=True):
+        named = bounds[kind].weakest
+        assert "could not be certified" in reason and f"of {world.name(named)} at" in reason
+        once = JointCertificateSettings(parts=1, deepest=1)
+        alone = certify(world.some(world.exact == named), carried, joints.curve, settings=once)
+        assert alone[kind].lower == pytest.approx(bounds[kind].lower, rel=0.02)
 
 
 def test_joints_that_jump_are_given_up_soon():

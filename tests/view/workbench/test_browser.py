@@ -182,8 +182,8 @@ def test_a_robot_is_drawn_and_its_arms_are_verified(chromium, tmp_path):
         bench.plotted()
         session = bench.session
         assert session.stage.recording.links.shape[1] == 14
-        place = tuple(session.stage._joints[6].position)
-        bench.until(lambda: tuple(session.stage._joints[6].position) != place)
+        place = tuple(session.stage.robot.joints[6].position)
+        bench.until(lambda: tuple(session.stage.robot.joints[6].position) != place)
         assert not bench.errors
     finally:
         bench.close()

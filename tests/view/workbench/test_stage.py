@@ -11,7 +11,7 @@ from comove.geometry.distances import point_distance
 from comove.geometry.rotations import matrices
 from comove.model import Scene
 from comove.view.workbench.geometry import obstacle_surfaces
-from comove.view.workbench.stage import Stage
+from comove.view.workbench.stage import DrawnRobot, Stage
 from tests.solved import example
 
 
@@ -21,7 +21,7 @@ def test_no_robot_stands_between_the_camera_and_its_work(angle):
     middle, away = 0.5 * (scene.lower + scene.upper), np.array([np.cos(angle), np.sin(angle), 0.0])
     home = np.zeros((7, 7))
     home[:, :3] = middle + 2.0 * away
-    position, _, _ = Stage(None, scene, robot=((), home)).camera()
+    position, _, _ = Stage(None, scene, robot=DrawnRobot((), home)).camera()
     way = (scene.goal - scene.start).mean(axis=0)
     across = abs(np.cross(way / np.linalg.norm(way), away)[2])
     if across > 0.6:  # else it stands at an end of the way, aside of both places of the camera

@@ -124,7 +124,7 @@ def _set_up(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Si
     place(points.group, points.point, center, work.rotation, work.points)
     work.slack[:] = 0.0
     _objective(qp, center, wanted)
-    moved_obstacles(sighting.table, sighting.velocity, sighting.spin, rates.period, work.table_after)
+    moved_obstacles(sighting.table, sighting.velocity, sighting.spin, rates.period, work.after.table)
     work.gain[:] = rates.gain
     pace = 0.0
     for i in range(before.shape[0]):
@@ -238,16 +238,17 @@ def missing_rows(
     m, far_out = broken_limits(qp, m, x)
     if far_out:  # violations by so large a step say nothing about smaller ones
         return m, worst
-    step(center, quaternion, twists, dt, work.center_after, work.quaternion_after)
-    after = work.quaternion_after
+    after = work.after
+    step(center, quaternion, twists, dt, after.center, after.quaternion)
     for g in range(center.shape[0]):
-        turn_into(after[g, 0], after[g, 1], after[g, 2], after[g, 3], work.rotation_after[g])
-    place(points.node_group, points.node_point, work.center_after, work.rotation_after, work.nodes_after)
+        q = after.quaternion[g]
+        turn_into(q[0], q[1], q[2], q[3], after.rotation[g])
+    place(points.node_group, points.node_point, after.center, after.rotation, after.nodes)
     m = bent_limits(qp, m, x, dt)
     m, worst = _missing_of_obstacles(qp, m, center, twists, sighting, worst)
     m, worst = _missing_of_border(qp, m, center, x, worst)
     for k in range(freedom.pairs.shape[0]):
-        h, then = _pair_distance(freedom, work.nodes, k), _pair_distance(freedom, work.nodes_after, k)
+        h, then = _pair_distance(freedom, work.nodes, k), _pair_distance(freedom, after.nodes, k)
         g = points.node_group[freedom.pairs[k, 0]]
         ask = _promise(h, _pair_gain(qp, k), rates) - work.slack[g, work.slack.shape[1] - 2] * dt
         if then >= ask:
@@ -280,14 +281,14 @@ def _missing_of_obstacles(
                 continue
             need = rates.clearance + sighting.margin[j]
             if e < n_edges:
-                p, q = work.nodes_after[a], work.nodes_after[points.edges[e, 1]]
+                p, q = work.after.nodes[a], work.after.nodes[points.edges[e, 1]]
                 need += points.edge_radius[e]
-                then, share = near_on_edge(work.table_after, j, p, q, ask + need)
+                then, share = near_on_edge(work.after.table, j, p, q, ask + need)
                 for axis in range(3):
                     near[axis] = p[axis] + share * (q[axis] - p[axis])
             else:
-                solid_at(work.nodes_after, points.solids[e - n_edges], solid)
-                then = near_on_solid(work.table_after, j, solid, ask + need, near)
+                solid_at(work.after.nodes, points.solids[e - n_edges], solid)
+                then = near_on_solid(work.after.table, j, solid, ask + need, near)
             if then >= ask + need:  # of a solid, `near` is nowhere then
                 continue
             worst = max(worst, (ask + need - then) / dt)
@@ -306,7 +307,7 @@ def _missing_of_border(qp: QP, m: int, center: Array, x: Array, worst: float) ->
             for side in range(2):
                 need = points.node_radius[i] + rates.clearance
                 h = _border(freedom, work.nodes[i], axis, side) - need
-                then = _border(freedom, work.nodes_after[i], axis, side) - need
+                then = _border(freedom, work.after.nodes[i], axis, side) - need
                 ask = _promise(h, work.gain[g], rates)
                 ask -= work.slack[g, work.slack.shape[1] - 1] * rates.period
                 if then >= ask:
@@ -468,13 +469,13 @@ def _point_row(
     rates, work, (g, j), (center, twists), (need, then) = qp.rates, qp.work, pair, moves, gaps
     x, p = np.empty(3), np.empty(3)
     for axis in range(3):
-        x[axis] = after[axis] - work.center_after[g, axis]
+        x[axis] = after[axis] - work.after.center[g, axis]
     for axis in range(3):  # back to where it is now
         own = 0.0
         for k in range(3):
             inside = 0.0
             for l in range(3):
-                inside += work.rotation_after[g, l, k] * x[l]
+                inside += work.after.rotation[g, l, k] * x[l]
             own += work.rotation[g, axis, k] * inside
         p[axis] = center[g, axis] + own
     if of_solid:

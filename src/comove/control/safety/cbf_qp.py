@@ -55,7 +55,7 @@ from comove.model.scene import Scene
 from comove.planning.convex.quadratic import FREE
 
 NOTHING = -2
-"""What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
+"""In place of the number of what blocks (an obstacle, or -1 for the border): nothing does."""
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
 TOLERANCE = 1e-9  # m/s, of rows in the solver
 UPRIGHT = 1e-6  # sine of the angle below which a body does not lean
@@ -311,7 +311,7 @@ class SafetyFilter:
         What is admissible is a cone, whose tangent at the orientation after the step such a row is.
         """
         for g, own, tilt in self._leaning:
-            then, slope = self._lean(g, self._work.rotation_after[g] @ own)
+            then, slope = self._lean(g, self._work.after.rotation[g] @ own)
             most = max(tilt, self._lean(g, matrices(poses.quaternion[g]) @ own)[0])
             if then > most + ANGLE_ROUNDING:
                 beyond = self._freedom.scale[g] * (then - most) / self.period

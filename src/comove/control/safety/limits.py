@@ -95,7 +95,7 @@ def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
 
     Returns the number of rows.
 
-    The average velocity of a hand is its displacement to `work.nodes_after`, divided by `dt`. A hand turns within a
+    The average velocity of a hand is its displacement to `work.after.nodes`, divided by `dt`. A hand turns within a
     step, so this differs from its first velocity to second order, by an amount that is treated as constant until the
     next round.
     """
@@ -105,7 +105,7 @@ def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
     for b in range(2 * n_hands):
         i = b % n_hands
         for axis in range(3):
-            way[axis] = (work.nodes_after[i, axis] - work.nodes[i, axis]) / dt
+            way[axis] = (work.after.nodes[i, axis] - work.nodes[i, axis]) / dt
             bend[axis] = way[axis]
             for c in range(n):
                 bend[axis] -= work.hands[i, axis, c] * x[c]

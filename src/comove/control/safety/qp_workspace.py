@@ -91,6 +91,23 @@ class Sighting(NamedTuple):
         return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
 
 
+class StateAfter(NamedTuple):
+    """Work arrays for the state after a step.
+
+    Attributes
+    ----------
+    center, quaternion, rotation : arrays, shapes (n_groups, 3) [m], (n_groups, 4) and (n_groups, 3, 3), poses
+    nodes : array, shape (n_nodes, 3) [m]
+    table : array, shape (n_rows, n_columns), the obstacles
+    """
+
+    center: Array
+    quaternion: Array
+    rotation: Array
+    nodes: Array
+    table: Array
+
+
 class QPWorkspace(NamedTuple):
     """Work arrays that are rewritten in every step.
 
@@ -103,7 +120,7 @@ class QPWorkspace(NamedTuple):
         group that it constrains
     hands : array, shape (n_hands, 3, n), velocities of the hands per unit of the variables
     rotation, nodes, points : arrays, shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3), at the start of the step
-    center_after, quaternion_after, rotation_after, nodes_after, table_after : arrays, the state after the step
+    after : the state after the step
     left : array, shape (n_edges + n_solids, n_obstacles), clearances h at the start of the step [m]
     gain : array, shape (n_groups,), approach speed per clearance left [1/s]
     slack : array, shape (n_groups, n_obstacles + 2), by how much the rows of an owner were relaxed [m/s]
@@ -121,11 +138,7 @@ class QPWorkspace(NamedTuple):
     rotation: Array
     nodes: Array
     points: Array
-    center_after: Array
-    quaternion_after: Array
-    rotation_after: Array
-    nodes_after: Array
-    table_after: Array
+    after: StateAfter
     left: Array
     gain: Array
     slack: Array
@@ -180,11 +193,13 @@ def empty_workspace(
         np.zeros((n_groups, 3, 3)),
         np.zeros((n_nodes, 3)),
         np.zeros((len(points.group), 3)),
-        np.zeros((n_groups, 3)),
-        np.zeros((n_groups, 4)),
-        np.zeros((n_groups, 3, 3)),
-        np.zeros((n_nodes, 3)),
-        np.zeros((n_obstacles, n_columns)),
+        StateAfter(
+            np.zeros((n_groups, 3)),
+            np.zeros((n_groups, 4)),
+            np.zeros((n_groups, 3, 3)),
+            np.zeros((n_nodes, 3)),
+            np.zeros((n_obstacles, n_columns)),
+        ),
         np.zeros((n_edges, n_obstacles)),
         np.zeros(n_groups),
         np.zeros((n_groups, n_obstacles + 2)),

@@ -23,7 +23,7 @@ from comove.model.groups import RigidGroup, fit_pose, orientation_of
 from comove.model.scene import Scene
 
 STAYS, POINTS, TURNS = range(3)
-"""What a group can do about its centre: nothing; point elsewhere, its roll being nobody's business; turn."""
+"""How a group turns about its centre: not at all; as an axis whose roll is left open; in any way."""
 
 
 class Nodes(NamedTuple):

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
 from comove._version import __version__
-from comove.data.many import MORE, TIMES, lost
+from comove.data.many import MORE, TIMES, lost, require_kernels
 from comove.data.runner import StudyProgress, run_missing
 from comove.dmp.dmp import DMP
-from comove.errors import InputError, OptionError
+from comove.errors import ComoveWarning, InputError, OptionError, SceneError
 from comove.lab.bench.sets import BenchScene
 from comove.lab.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.lab.systems import System, SystemOutcome, SystemProblem, measured, refusal
@@ -108,14 +110,24 @@ def run_all(
             writer.add(row)
             return row.status == "verified"
 
+        missing = [job for job in jobs if job.configuration.key not in there]
+        require_kernels(_scenes(missing))
         return run_missing(
-            [job for job in jobs if job.configuration.key not in there],
+            missing,
             len(jobs),
             lambda next_job: run_tasks(run, next_job, workers=workers, allowed=allowed),
             note_kill=lambda job, kills: writer.note_kill(job.configuration.key, kills),
             keep=keep,
             tell=tell,
         )
+
+
+def _scenes(jobs: list[BenchJob]) -> Iterator[Scene]:
+    """Yield the scenes of jobs but those that cannot be read, of which their runs tell."""
+    for path in dict.fromkeys(job.path for job in jobs):
+        with suppress(SceneError), warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            yield Scene.load(path, check_ends=False)
 
 
 def run(job: BenchJob) -> Run:

@@ -444,6 +444,7 @@ Done = Outcome | baxter.Transport | list[Compared]
 def _all_done(jobs: Sequence[Wanted], processes: int, tell: Callable[[int], None]) -> list[Done]:
     """Do all jobs on some processes; returns what came of them, in their order."""
     waiting, done = iter(enumerate(jobs)), dict[int, Done]()
+    load_kernels(SceneKind(2, moving=None in jobs))  # by all cores, before processes that compile alone
     for ended in run_tasks(_do, lambda: next(waiting, None), workers=processes):
         number, job = ended.task
         if ended.made is None:

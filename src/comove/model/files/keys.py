@@ -59,10 +59,6 @@ from comove.io.keys import (
 from comove.model.constraints import KINDS, ConstraintKeys
 from comove.model.moving import Motion
 
-CHOICES = ("episode", "topic")
-"""Keys that say which recording of a file is meant."""
-READING = ("unit", "columns", "delimiter", "time", "rate", "dataset", "feature", "drop_missing", "clean")
-"""Keys that say how a recording is read, as the options of `comove learn`."""
 MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 """[s]"""
 MAX_MANIPULATORS = 100
@@ -509,22 +505,9 @@ def _names(value: Any) -> Any:
     return tuple(str(one) if isinstance(one, int) and not isinstance(one, bool) else one for one in several)
 
 
-class DemonstrationSource(Sparse):
-    """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
+class ReadingKeys(Sparse):
+    """The keys that say which recording of a file is read and how, as the options of `comove learn`."""
 
-    A file is a recording, or the primitive that `comove learn` made of one. `library` is the primitive's name in the
-    folder `library` beside the scene file, or FOLDER/NAME.
-    """
-
-    LATER = (*CHOICES, *READING)
-    file: str | None = None
-    lasa: str | None = None
-    demo: Annotated[int, Field(ge=0, le=6)] = 0
-    library: str | None = None
-    plane: Literal["xy", "xz", "yz"] | None = None
-    """The plane of a spatial scene in which a planar recording is laid."""
-    scale: Positive | None = None
-    manipulator: str | None = None
     episode: str | int | None = None
     """Name or number of a recording, where `file` holds several."""
     topic: str | None = None
@@ -548,10 +531,31 @@ class DemonstrationSource(Sparse):
     clean: bool | None = None
     """Whether the movement between the pauses is taken, without its noise."""
 
+
+READING = tuple(ReadingKeys.model_fields)
+
+
+class DemonstrationSource(ReadingKeys):
+    """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
+
+    A file is a recording, or the primitive that `comove learn` made of one. `library` is the primitive's name in the
+    folder `library` beside the scene file, or FOLDER/NAME.
+    """
+
+    LATER = READING
+    file: str | None = None
+    lasa: str | None = None
+    demo: Annotated[int, Field(ge=0, le=6)] = 0
+    library: str | None = None
+    plane: Literal["xy", "xz", "yz"] | None = None
+    """The plane of a spatial scene in which a planar recording is laid."""
+    scale: Positive | None = None
+    manipulator: str | None = None
+
     @property
     def reading(self) -> dict[str, Any]:
         """Return the options by which the recording is read, those that are given."""
-        given = {key: getattr(self, key) for key in (*CHOICES, *READING)}
+        given = {key: getattr(self, key) for key in READING}
         return {key: value for key, value in given.items() if value is not None and value is not False}
 
     @model_validator(mode="before")
@@ -577,7 +581,7 @@ class DemonstrationSource(Sparse):
             raise Wrong(f"{found} given", "give one of the three")
         if self.lasa is None and self.demo:
             raise Wrong(f"demo {self.demo} belongs to a LASA shape and none is given", "leave demo out")
-        for key in ("manipulator", *CHOICES, *READING):
+        for key in ("manipulator", *READING):
             if self.file is None and getattr(self, key) is not None:
                 raise Wrong(
                     f"{key} {getattr(self, key)!r} belongs to a file and none is given", f"leave {key} out"

@@ -144,7 +144,7 @@ class JointExecutor(ControlLoop):
             scene, Functions.of_motions(scene) if observer is None else observer, settings.period
         )
         self.catch_up, self.at_goal, self.at_rest = settings.catch_up, settings.at_goal, settings.at_rest
-        self.log.planning.append(planned)
+        self.log.note_plan(planned)
         self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
         self.rows = ArmRows(scene, self.arms, grasp, settings.period, settings.joints)
         self.filter = SafetyFilter(scene, settings.period, settings.filter, self.rows)

@@ -108,7 +108,7 @@ class Pilot(Replanner):
     Attributes
     ----------
     reference, clock : what is followed, and where on it the run is [s]
-    is_clear : whether nothing was predicted, at the last look, to be touched on it soon
+    is_clear : whether the last prediction found the reference clear of obstacles
     waited : time that the arms have not come along [s]
     """
 
@@ -181,7 +181,7 @@ class Pilot(Replanner):
             return
         begun, off = perf_counter(), run.distance_from(self.current(run).here)
         found = self.choose(run.time, seen, self.present(run), off, self.waited)
-        run.log.planning.append(perf_counter() - begun)
+        run.log.note_plan(perf_counter() - begun)
         if found:
             self.waited = 0.0
             run.tell(f"another course, of {self.reference.duration:.2f} s")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import coal
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
@@ -157,26 +157,48 @@ def _parted(
 
 def around(points: Array, how: CapsuleSettings = SETTINGS) -> LinkCapsule:
     """Compute a small capsule that holds points but for what may stick out, its axis along one of their axes."""
-    corners = _hull(points)
-    return _smallest([_along(corners, axis, how) for axis in _axes(points)])
+    return _smallest([_along(points, axis, how) for axis in _axes(points)])
 
 
 def _along(points: Array, direction: Array, how: CapsuleSettings) -> LinkCapsule:
     """Compute a small capsule in a direction, array of shape (3,), that holds points but for what may stick out."""
     across = np.linalg.svd(direction[None])[2][1:]
-    flat, height = points @ across.T, points @ direction
-    middle, least = _circle(flat, 0.5 * (flat.min(axis=0) + flat.max(axis=0)))
-    proud = min(PROUD * least, PROUDEST)
-    square, base = ((flat - middle) ** 2).sum(axis=1), middle @ across
-    tried = []
-    for factor in how.wider:
-        radius = factor * (least - proud) + 1e-9  # of rounding
-        half = np.sqrt((radius + proud) ** 2 - square)  # of the stretch in which the axis has to be
-        low, high = (height + half).min(), (height - half).max()
-        if low > high:
-            low = high = 0.5 * (low + high)
-        tried.append(LinkCapsule(base + low * direction, base + high * direction, radius))
-    return _smallest(tried)
+    middle, low, high, radius = _held(points, across, direction, np.array(how.wider))
+    base = middle @ across
+    return LinkCapsule(base + low * direction, base + high * direction, radius)
+
+
+@kernel
+def _held(points: Array, across: Array, direction: Array, wider: Array) -> tuple[Array, float, float, float]:
+    """Compute middle, heights of both ends and radius of the capsule of clearly the least mean width, see `_along`.
+
+    Parameters
+    ----------
+    across : array, shape (2, 3), unit vectors that span the plane across the axis
+    wider : array, radii that are tried, see `CapsuleSettings`
+    """
+    n = points.shape[0]
+    flat, height, low, high = np.empty((n, 2)), np.empty(n), np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        height[i] = x * direction[0] + y * direction[1] + z * direction[2]
+        for k in range(2):
+            flat[i, k] = x * across[k, 0] + y * across[k, 1] + z * across[k, 2]
+            low[k], high[k] = min(low[k], flat[i, k]), max(high[k], flat[i, k])
+    middle, least = _circle(flat, 0.5 * (low + high))
+    proud, best, found = min(PROUD * least, PROUDEST), np.inf, (0.0, 0.0, 0.0)
+    for factor in wider:
+        radius, first, last = factor * (least - proud) + 1e-9, np.inf, -np.inf  # of rounding
+        for i in range(flat.shape[0]):
+            square = (flat[i, 0] - middle[0]) ** 2 + (flat[i, 1] - middle[1]) ** 2
+            half = np.sqrt((radius + proud) ** 2 - square)  # of the stretch in which the axis has to be
+            first, last = min(first, height[i] + half), max(last, height[i] - half)
+        if first > last:
+            first = last = 0.5 * (first + last)
+        width = 2.0 * radius + 0.5 * (last - first)
+        if width < CLEARLY * best:
+            best, found = width, (first, last, radius)
+    return middle, *found
 
 
 @kernel
@@ -229,16 +251,9 @@ def _volume(capsules: list[LinkCapsule]) -> float:
 
 def _axes(points: Array) -> list[Array]:
     """Return directions that an axis may have: those of the frame, and the longest of the points where it is one."""
-    values, vectors = np.linalg.eigh(np.cov(points.T))
+    away = points - points.mean(axis=0)
+    values, vectors = np.linalg.eigh(away.T @ away)
     return [*np.eye(3), *([vectors[:, 2]] if values[1] < CLEARLY * values[2] else [])]
-
-
-def _hull(points: Array) -> Array:
-    """Return the corners of the convex hull, or all points where they are in a plane."""
-    try:
-        return points[ConvexHull(points).vertices]
-    except (QhullError, ValueError):
-        return points
 
 
 def _on_box(half: Array) -> tuple[Array, float]:

@@ -24,6 +24,21 @@ TURN = 0.2  # m, that one radian of a hand counts for in a residual
 GRAVITY = 9.81  # m/s^2
 
 
+class Masses(NamedTuple):
+    """The bodies that the joints of chains move, in the joints' frames.
+
+    Attributes
+    ----------
+    mass : array, shape (n_joints,) [kg]
+    center : array, shape (n_joints, 3), centres of mass [m]
+    inertia : array, shape (n_joints, 3, 3), about the centres of mass [kg m^2]
+    """
+
+    mass: Array
+    center: Array
+    inertia: Array
+
+
 class Chains(NamedTuple):
     """The arms that move the hands of a scene, with the joints of all arms in one row (n_joints).
 
@@ -38,8 +53,7 @@ class Chains(NamedTuple):
     lower, upper, velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad, s, N m]
     approach : array, shape (n_joints,), time constants with which joints approach their limits, see `Robot` [s]
     relief : array, shape (n_joints,), share of the torque due to the own weight that springs hold
-    mass, center, inertia : arrays, shape (n_joints,) [kg], (n_joints, 3) [m] and (n_joints, 3, 3) [kg m^2]: mass,
-        centre of mass and inertia about it of the bodies that the joints move, in the joints' frames
+    masses : bodies that the joints move
     """
 
     first: Integers
@@ -56,9 +70,7 @@ class Chains(NamedTuple):
     effort: Array
     approach: Array
     relief: Array
-    mass: Array
-    center: Array
-    inertia: Array
+    masses: Masses
 
 
 class Iteration(NamedTuple):
@@ -122,9 +134,11 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
         effort=robot.effort[columns],
         approach=robot.approach[columns],
         relief=robot.relief[columns],
-        mass=np.array([body.mass for body in bodies]),
-        center=np.array([body.lever for body in bodies]),
-        inertia=np.array([body.inertia for body in bodies]),
+        masses=Masses(
+            np.array([body.mass for body in bodies]),
+            np.array([body.lever for body in bodies]),
+            np.array([body.inertia for body in bodies]),
+        ),
     )
 
 
@@ -374,14 +388,14 @@ def torques(
     load_acceleration : array, shape (3,), acceleration of the grasp in the scene [m/s^2]
     out : result, array of shape (n_joints,) [N m]; entries of other arms are not changed
     """
-    first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
+    masses, first, n = chains.masses, chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     place_arm(chains, arm, q, rotations, points)
     axes, centers, forces, moments = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     w, dw, a, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY), (0.0, 0.0, 0.0)
     for k in range(n):
         j = first + k
-        z, c = rotated(rotations[k], chains.axis[j]), rotated(rotations[k], chains.center[j])
+        z, c = rotated(rotations[k], chains.axis[j]), rotated(rotations[k], masses.center[j])
         at = (points[k, 0], points[k, 1], points[k, 2])
         a = plus(a, _carried_along(w, dw, plus(at, before, -1.0)))
         if chains.slides[j]:
@@ -391,11 +405,11 @@ def torques(
             w = plus(w, z, velocity[j])
         before = at
         force = plus(a, _carried_along(w, dw, c))
-        spin = _inertia_times(rotations[k], chains.inertia[j], w)
-        moment = plus(_inertia_times(rotations[k], chains.inertia[j], dw), cross(w, spin))
+        spin = _inertia_times(rotations[k], masses.inertia[j], w)
+        moment = plus(_inertia_times(rotations[k], masses.inertia[j], dw), cross(w, spin))
         for i in range(3):
             axes[k, i], centers[k, i] = z[i], c[i]
-            forces[k, i], moments[k, i] = chains.mass[j] * force[i], moment[i]
+            forces[k, i], moments[k, i] = masses.mass[j] * force[i], moment[i]
     carried = (
         load * load_acceleration[0],
         load * load_acceleration[1],
@@ -410,9 +424,9 @@ def torques(
         about = plus(plus(about, cross(plus(at, here, -1.0), carried)), cross(c, force))
         about = plus(about, (moments[k, 0], moments[k, 1], moments[k, 2]))
         carried, at = plus(carried, force), here
-        mass += chains.mass[j]
-        x += chains.mass[j] * (here[0] + c[0])
-        y += chains.mass[j] * (here[1] + c[1])
+        mass += masses.mass[j]
+        x += masses.mass[j] * (here[0] + c[0])
+        y += masses.mass[j] * (here[1] + c[1])
         if chains.slides[j]:
             needed, own = dot(z, carried), z[2] * mass
         else:

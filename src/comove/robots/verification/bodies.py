@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -498,19 +499,20 @@ def beyond_wrists(robot: Robot, arms: Iterable[Arm]) -> set[int]:
 
 
 def _hull_of(item: Any) -> tuple[Any | None, bool]:
-    """Return the convex hull of a mesh, None where coal builds none, as where more than 255 edges meet at a vertex;
-    and whether it may replace the mesh.
-    """
+    """Return the convex hull of a mesh, None where there is none, and whether it may replace the mesh."""
     mesh = item.geometry
-    if not isinstance(mesh, coal.BVHModelBase):
+    if not isinstance(mesh, coal.BVHModelBase) or (convex := _convex_of(mesh)) is None:
         return None, False
-    if mesh.convex is None:
-        try:
-            mesh.buildConvexHull(True, "Qt")
-        except RuntimeError:
-            return None, False
     name, on = f"{HULL_OF}{item.name}", (item.parentJoint, item.parentFrame, item.placement)
-    return pin.GeometryObject(name, *on, mesh.convex), _is_convex(mesh)
+    return pin.GeometryObject(name, *on, convex), _is_convex(mesh)
+
+
+def _convex_of(mesh: Any) -> Any | None:
+    """Return the convex hull of a mesh; None where coal builds none: more than 255 edges meet at a vertex."""
+    if mesh.convex is None:
+        with suppress(RuntimeError):
+            mesh.buildConvexHull(True, "Qt")
+    return mesh.convex
 
 
 def solid_of(item: Any, placement: Any = None) -> Solid:
@@ -558,12 +560,9 @@ def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]
     hulls, is_bound = list(shapes), False
     for k, shape in enumerate(shapes):
         if isinstance(shape, coal.BVHModelBase):
-            try:
-                if shape.convex is None:
-                    shape.buildConvexHull(True, "Qt")
-            except RuntimeError:
+            if (convex := _convex_of(shape)) is None:
                 return 0.0, False
-            hulls[k], is_bound = shape.convex, is_bound or not _is_convex(shape)
+            hulls[k], is_bound = convex, is_bound or not _is_convex(shape)
     return max(0.0, -distance_of(hulls, places)), is_bound
 
 

@@ -98,12 +98,16 @@ class LinkClearance(NamedTuple):
     upper : least clearance computed at any instant [m]
     pair : number of the pair that has `upper`
     time : time at which it has it [s]
+    weakest : number of the pair that has `lower` where that is less than required, else -1
+    around : middle of the interval in which it has it [s]
     """
 
     lower: float
     upper: float
     pair: int
     time: float
+    weakest: int
+    around: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +237,7 @@ def certify(
         settings.parts,
     )
     lower, when, computed = np.full(3, np.inf), np.zeros(3), 0
+    weakest, around = np.full(3, -1), np.zeros(3)
     for depth in range(settings.deepest):
         numbers, row = np.unique(cells.number, return_inverse=True)
         at, time = course.intervals(numbers, parts)
@@ -246,16 +251,19 @@ def certify(
         done = bound >= np.array([enough(need, kind) for kind in range(3)])[kinds]
         if depth == settings.deepest - 1 or computed > settings.most:
             done[:] = True
+        before = lower.copy()
         np.minimum.at(lower, kinds[done], bound[done])
+        for kind in np.flatnonzero((lower < before) & (lower < bodies.required)):
+            least = np.flatnonzero(done & (kinds == kind) & (bound == lower[kind]))[0]
+            weakest[kind] = bodies.exact[cells.pair[least]]
+            around[kind] = (cells.number[least] + 0.5) / parts * curve.x[-1]
         changed = need.upper < uppers
         when[changed] = time[need.knot[changed]]
         if done.all():
             break
         cells, parts = cells.divided(np.flatnonzero(~done)), 4 * parts
-    return [
-        LinkClearance(*found)
-        for found in zip(lower.tolist(), need.upper.tolist(), need.pair.tolist(), when.tolist(), strict=True)
-    ]
+    columns = lower, need.upper, need.pair, when, weakest, around
+    return [LinkClearance(*found) for found in zip(*(column.tolist() for column in columns), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -289,10 +289,10 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
             finding.reasons.append(_contact(bodies.name(found.pair), how, required, found.time, kind))
         elif not found.lower >= required and not unsought:
             of = {SCENE: "links and obstacles", LOAD: "the load and all else", SELF: "links"}[kind]
-            if found.pair >= 0:
-                of = f"{of}, of which {bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s,"
             finding.reasons.append(
-                f"it could not be certified that {of} always keep {required:g} m; keep them further apart"
+                f"it could not be certified that {of} always keep {required:g} m: the bound of "
+                f"{bodies.name(found.weakest)} at about {found.around:.2f} s is {found.lower:.3g} m; "
+                "keep them further apart"
             )
     return finding
 

@@ -1,11 +1,11 @@
-"""Placements and velocities of all joints at many configurations at once, and bounds of how far joints move a robot.
+"""Kinematics and dynamics of a robot at many configurations at once, and bounds of how far its joints move it.
 
-Pinocchio places one configuration a call, and reading a result costs more than computing it. Where thousands are
-needed, one kernel takes the same product of placements for all of them; the tests compare both.
+Pinocchio computes one configuration a call, and reading a result costs more than computing it. The kernels here take
+thousands a call, with the axes and placements of Pinocchio's model; tests compare both.
 
-The distance of a part from an axis turns rates of joints into speeds. Its bounds add up lengths along the chain, so
-they hold for all joint positions within the limits. So do the tolerances of
-the places of the bases. Axes and placements are Pinocchio's.
+A joint moves a point at most at its rate times the point's distance from its axis. Bounds of this distance are sums
+of lengths along the chain, so they hold for all joint positions within the limits. So do bounds of how far the
+tolerance of a base's place moves a point.
 """
 
 from __future__ import annotations
@@ -264,30 +264,35 @@ def joint_motions(robot: Robot, q: Array, rates: Array) -> tuple[Array, Array, A
 
 
 @kernel
+def _place_joint(tree: JointTree, j: int, value: float, turn: Array, arm: Array) -> None:
+    """Write the orientation and the place, arrays of shape (3, 3) and (3,), of a joint in the frame before it."""
+    sine, versine = np.sin(value), 1.0 - np.cos(value)
+    slid = value if tree.slides[j] else 0.0
+    for a in range(3):
+        arm[a] = tree.shift[j, a] + slid * tree.axis[j, a]
+        for b in range(3):
+            turn[a, b] = tree.turn[j, a, b] + sine * tree.sine[j, a, b] + versine * tree.versine[j, a, b]
+
+
+@kernel
 def _moved(tree: JointTree, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
     """Return what `joint_motions` does."""
     n_steps, n_rates, n_frames = q.shape[0], rates.shape[0], tree.parents.shape[0]
     turns, places = np.empty((n_steps, n_frames, 3, 3)), np.zeros((n_steps, n_frames, 3))
     velocities, spins = np.zeros((n_rates, n_frames, 3)), np.zeros((n_rates, n_frames, 3))
-    own, axis, arm = np.empty((3, 3)), np.empty(3), np.empty(3)
+    own, axis, arm, local = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     for t in range(n_steps):
         for a in range(3):
             for b in range(3):
                 turns[t, 0, a, b] = 1.0 if a == b else 0.0
         for j in range(1, n_frames):
             before, value = turns[t, tree.parents[j]], q[t, tree.columns[j]]
-            sine, versine = np.sin(value), 1.0 - np.cos(value)
-            for a in range(3):
-                for b in range(3):
-                    own[a, b] = (
-                        tree.turn[j, a, b] + sine * tree.sine[j, a, b] + versine * tree.versine[j, a, b]
-                    )
-            slid = value if tree.slides[j] else 0.0
+            _place_joint(tree, j, value, own, local)
             for a in range(3):
                 axis[a] = arm[a] = 0.0
                 for c in range(3):
                     axis[a] += before[a, c] * tree.axis[j, c]
-                    arm[a] += before[a, c] * (tree.shift[j, c] + slid * tree.axis[j, c])
+                    arm[a] += before[a, c] * local[c]
                 places[t, j, a] = places[t, tree.parents[j], a] + arm[a]
                 for b in range(3):
                     turns[t, j, a, b] = (
@@ -366,15 +371,7 @@ def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: 
         for j in range(1, n_frames):
             i, k = tree.parents[j], tree.columns[j]
             value, rate, bend = q[t, k], rates[t, k], bends[t, k]
-            sine, versine = np.sin(value), 1.0 - np.cos(value)
-            for a in range(3):
-                arm[j, a] = tree.shift[j, a]
-                if tree.slides[j]:
-                    arm[j, a] += value * tree.axis[j, a]
-                for b in range(3):
-                    turn[j, a, b] = (
-                        tree.turn[j, a, b] + sine * tree.sine[j, a, b] + versine * tree.versine[j, a, b]
-                    )
+            _place_joint(tree, j, value, turn[j], arm[j])
             for a in range(3):  # how the frame before accelerates where this one is
                 b, c = (a + 1) % 3, (a + 2) % 3
                 along[a] = spin[i, b] * arm[j, c] - spin[i, c] * arm[j, b]

@@ -91,7 +91,7 @@ class Comparison:
         self.stage.touches = drawn.touches
         self.stage.draw_scene()
         if drawn.robot is not None:
-            self.stage.draw_robot(*drawn.robot)
+            self.stage.draw_robot(drawn.robot.bodies, drawn.robot.home)
         if drawn.recording is not None:
             self.stage.draw_motion(drawn.recording, pale=drawn.pale)
         first.name("shown now")

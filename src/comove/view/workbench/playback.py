@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.errors import ComoveError, ExtraError
@@ -57,6 +59,11 @@ class RecordedMotion:
     error: Array
     links: Array
     tightest: Array
+
+    @cached_property
+    def moved(self) -> NDArray[np.bool_]:
+        """Return which obstacles are not always where they are at 0 s; array of bool, shape (n_obstacles,)."""
+        return np.asarray(self.offsets.any(axis=(0, 2)))
 
     @classmethod
     def of(cls, motion: CoordinatedMotion) -> RecordedMotion:

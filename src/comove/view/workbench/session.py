@@ -163,9 +163,7 @@ class Session:
         again = before is not None and before.scene.manipulators == scene.manipulators
         clear(self.client.scene)
         self.scene = scene
-        self.stage = Stage(self.client.scene, scene)
-        if before is not None:
-            self.stage.adopt_robot(before)
+        self.stage = Stage(self.client.scene, scene, robot=None if before is None else before.robot)
         self.stage.draw_scene(demonstrated(scene, self.history.now.taught))
         grips = self.stage.grips()
         for grip, handle in grips.items():

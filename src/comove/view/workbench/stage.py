@@ -44,6 +44,24 @@ ROBOT = "/robot"  # path under which the robot is drawn, whichever the scene
 BESIDE = "/beside"  # path under which a second scene is drawn
 
 
+@dataclass(frozen=True, eq=False)
+class DrawnRobot:
+    """A robot that is drawn, or is to be drawn.
+
+    Attributes
+    ----------
+    bodies : its visible bodies
+    home : array, shape (n_joints, 7), poses of its joints until a motion is drawn
+    joints : the viewer's handles of its joints
+    links : the viewer's handles of its bodies
+    """
+
+    bodies: Sequence[LinkSurface]
+    home: Array
+    joints: Sequence[Any] = ()
+    links: Sequence[Any] = ()
+
+
 @dataclass(eq=False)
 class Stage:
     """The drawing of one scene and one motion.
@@ -67,11 +85,8 @@ class Stage:
     marks: dict[str, Any] = field(default_factory=dict)
     touches: Sequence[Touch] = ()
     pale: bool = False
-    robot: tuple[Sequence[LinkSurface], Array] | None = None
-    _joints: list[Any] = field(default_factory=list)
-    _links: list[tuple[Any, LinkSurface]] = field(default_factory=list)
+    robot: DrawnRobot | None = None
     _pieces: tuple[Piece, ...] = ()
-    _goers: list[int] = field(default_factory=list)
     _moving: list[Any] = field(default_factory=list)
     _motion: dict[str, Any] = field(default_factory=dict)
     _ghosts: bool = True
@@ -102,7 +117,7 @@ class Stage:
         sides = float(np.arctan2(way[1], way[0])) + np.radians([-62.0, 62.0])
         if self.robot is None:
             return float(sides[0])
-        away = (_middle(self.scene) - self.robot[1][:, :3].mean(axis=0))[:2]
+        away = (_middle(self.scene) - self.robot.home[:, :3].mean(axis=0))[:2]
         return float(sides[np.argmax(away @ [np.cos(sides), np.sin(sides)])])
 
     def draw_scene(self, demonstration: Array | None = None) -> None:
@@ -153,41 +168,26 @@ class Stage:
             self.api.add_label(f"{self.prefix}/name", text, position=tuple(top), anchor="bottom-center")
 
     def draw_robot(self, bodies: Sequence[LinkSurface], home: Array) -> None:
-        """Draw a robot.
-
-        Parameters
-        ----------
-        bodies : its visible bodies
-        home : array, shape (n_joints, 7), poses of its joints until a motion is drawn
-        """
+        """Draw a robot, by bodies and poses of joints as of `DrawnRobot`."""
         path = f"{self.prefix}{ROBOT}"
-        self.robot = bodies, home
         self.api.add_frame(path, show_axes=False)
-        self._joints = [
-            self.api.add_frame(f"{path}/joint_{joint}", show_axes=False) for joint in range(len(home))
-        ]
-        self._links = [
-            (
-                self._mesh(
-                    f"{path}/{'base' if body.joint < 0 else f'joint_{body.joint}'}/body_{number}",
-                    body.surface,
-                    body.colour,
-                    side="double",
-                ),
-                body,
+        joints = [self.api.add_frame(f"{path}/joint_{joint}", show_axes=False) for joint in range(len(home))]
+        links = [
+            self._mesh(
+                f"{path}/{'base' if body.joint < 0 else f'joint_{body.joint}'}/body_{number}",
+                body.surface,
+                body.colour,
+                side="double",
             )
             for number, body in enumerate(bodies)
         ]
+        self.robot = DrawnRobot(bodies, home, joints, links)
         self.pose_robot(home)
 
     def pose_robot(self, poses: Array) -> None:
         """Move the links of the robot, by the poses of its joints, array of shape (n_joints, 7)."""
-        for handle, pose in zip(self._joints, poses, strict=False):
+        for handle, pose in zip(self.robot.joints if self.robot is not None else (), poses, strict=False):
             handle.position, handle.wxyz = tuple(pose[:3]), tuple(pose[3:])
-
-    def adopt_robot(self, other: Stage) -> None:
-        """Take over the robot of a stage before this one, which stays drawn."""
-        self.robot, self._joints, self._links = other.robot, other._joints, other._links
 
     def _mesh(self, path: str, surface: Surface, colour: Any, **how: Any) -> Any:
         """Add triangles of one colour; `how` are further arguments of the viewer."""
@@ -247,13 +247,13 @@ class Stage:
         again = [piece.name for piece in pieces] == [piece.name for piece in self._pieces]
         changed = again and pale == self.pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
         self.recording, self._pieces, self.pale = recording, pieces, pale
-        self._goers = np.flatnonzero(recording.offsets.any(axis=(0, 2)) | self.scene.turning).tolist()
         if not changed:
             self._draw_bodies(pale)
         self._draw_paths(recording, pale)
-        for handle, body in self._links:
-            if tuple(handle.color) != (wanted := GREY if pale else body.colour):
-                handle.color = wanted
+        if self.robot is not None:
+            for handle, body in zip(self.robot.links, self.robot.bodies, strict=True):
+                if tuple(handle.color) != (wanted := GREY if pale else body.colour):
+                    handle.color = wanted
         every = np.linspace(0, len(recording.time) - 1, self.sizes.ghosts).round().astype(int)
         for piece in pieces:
             handle = self._motion[f"ghost {piece.name}"]
@@ -325,7 +325,8 @@ class Stage:
             handle.position = tuple(piece.position[index])
             handle.wxyz = tuple(piece.quaternion[index])
         self.pose_robot(recording.links[index])
-        self._move_obstacles(self._goers, recording.offsets[index], float(recording.time[index]))
+        moving = np.flatnonzero(recording.moved | self.scene.turning).tolist()
+        self._move_obstacles(moving, recording.offsets[index], float(recording.time[index]))
         if self.touches:
             self.blame(*(touch.obstacle for touch in self.touches if touch.time <= recording.time[index]))
 
@@ -420,7 +421,7 @@ class Stage:
             away = self.sizes.view * room * np.array([0.0, -0.02, 1.0])
             return middle + away, middle, np.array([0.0, 1.0, 0.0])
         away = 1.35 * room * np.array([np.cos(self.heading), np.sin(self.heading), 0.65])
-        away *= self.sizes.view_of_arms if self._links else self.sizes.view
+        away *= self.sizes.view_of_arms if self.robot is not None else self.sizes.view
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
 
 
