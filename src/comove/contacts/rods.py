@@ -12,16 +12,7 @@ import numpy as np
 
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back, shifted_back
-from comove.geometry.distances import (
-    CAPSULE,
-    CENTER,
-    KIND,
-    REACH,
-    ROTATION,
-    SIZE,
-    SPHERE,
-    segment_distance,
-)
+from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
 
 AXIS = ROTATION + 2  # of a capsule: every third column is a coordinate
 

@@ -58,7 +58,6 @@ class LinkRows(NamedTuple):
     Attributes
     ----------
     start, end : arrays, shape (n_links, 3), ends of the links' axes [m]
-    middle, half : arrays, shape (n_links, 3) and (n_links,), middles and half lengths of the axes [m]
     axes, places : arrays, shape (n_joints, 3), axes of the joints in the world's frame, and points on them [m]
     speed : array, shape (n_links,), bounds of the speed of any point of a link in this step [m/s]
     rows, low : arrays, shape (n_rows, n_variables + n_joints) and (n_rows,)
@@ -68,8 +67,6 @@ class LinkRows(NamedTuple):
 
     start: Array
     end: Array
-    middle: Array
-    half: Array
     axes: Array
     places: Array
     speed: Array
@@ -91,8 +88,6 @@ def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     return LinkRows(
         links.start.copy(),
         links.end.copy(),
-        np.empty_like(links.start),
-        np.empty(len(links.radius)),
         np.empty((n_joints, 3)),
         np.empty((n_joints, 3)),
         np.zeros(len(links.radius)),
@@ -146,7 +141,7 @@ def link_rows(
     links, around = arms.links, arms.around
     _place(arms, q, work)
     place_links(arms.chains, links, q, work.start, work.end)
-    _describe(arms, bounds, work)
+    _bound_speeds(arms, bounds, work)
     work.filled[0] = 0
     nearest = np.empty(3)
     for i in links.moving:
@@ -179,11 +174,8 @@ def link_rows(
     for p in range(links.pairs.shape[0]):
         i, k = links.pairs[p]
         need = links.radius[i] + links.radius[k] - links.wider[p] + needs.other
-        spare = points_apart(work.middle[i], work.middle[k]) - work.half[i] - work.half[k] - need
-        if spare >= needs.near:
-            continue
         near = min(needs.near, horizon(work.speed[i] + work.speed[k], rates.gain, rates))
-        if spare >= near:
+        if not near_enough(work.start[i], work.end[i], work.start[k], work.end[k], need + near):
             continue
         one, two, apart = nearest_shares(work.start[i], work.end[i], work.start[k], work.end[k])
         if apart - need < near and apart > 1e-6:
@@ -193,13 +185,9 @@ def link_rows(
 
 
 @kernel
-def _describe(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
-    """Write where links are, and bounds of their speeds: a joint's rate times how far they reach from it at most."""
+def _bound_speeds(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
+    """Write bounds of the speeds of links: a joint's rate times how far they reach from it at most."""
     chains, links = arms.chains, arms.links
-    for i in range(links.radius.shape[0]):
-        work.half[i] = 0.5 * points_apart(work.start[i], work.end[i])
-        for axis in range(3):
-            work.middle[i, axis] = 0.5 * (work.start[i, axis] + work.end[i, axis])
     for i in links.moving:
         work.speed[i] = 0.0
         if links.arm[i] < 0:
