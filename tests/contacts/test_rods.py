@@ -39,9 +39,9 @@ def test_rods_are_as_far_from_displaced_obstacles_as_from_placed_ones(seed, samp
     moved = scene.displacements(np.linspace(0.0, DURATION, 41))
     placed, instant = scene.obstacles_at(sample / 40 * DURATION), instant_at(moved, sample / 40)
     for row, body in enumerate(placed):
-        p, q = body[CENTER : CENTER + 3] + rng.uniform(-0.4, 0.4, (2, 3))
+        p, q = body[CENTER : CENTER + 3] + rng.uniform(-0.25, 0.25, (2, 3))
         wanted = segment_distance(placed, row, *p, *q, np.inf, TOLERANCE)
-        for cutoff in (np.inf, 0.1, wanted - 0.01):
+        for cutoff in (np.inf, wanted + 0.01, wanted - 0.01):
             found = rod_distance(scene.obstacles, moved, row, instant, p, q, cutoff, TOLERANCE)
             if wanted <= cutoff:
                 assert found == pytest.approx(wanted, abs=2 * TOLERANCE)
