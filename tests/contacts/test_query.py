@@ -19,6 +19,8 @@ from comove.contacts.query import (
     separating,
 )
 from comove.contacts.surroundings import corner_of, count_corners, count_parts, surroundings_of, whose
+from comove.geometry.distances import point_distance
+from comove.model import Scene
 from comove.model.moving import Displacements
 from tests.cases import examples
 from tests.meshes import l_profile, write_stl
@@ -147,3 +149,30 @@ def test_a_part_comes_nearer_by_as_much_as_it_is_moved_against_the_normal(folder
             assert distance(nodes[2] - step) == pytest.approx(0.5 * d, abs=1e-5)
             checked += 1
     assume(checked)
+
+
+@examples(40)
+@given(seed=seeds)
+def test_a_rod_in_an_obstacle_is_told_where_it_is_deepest(seed):
+    """Along a rod the slope of the depth jumps where another face of a box becomes the nearest one."""
+    scene, points = Scene.from_dict(boxed()), np.random.default_rng(seed).uniform(-0.5, 0.5, (2, 3))
+    around, near, normal = surroundings_of(scene), np.empty(3), np.empty(3)
+    d = nearest_point(around, 0, 0, 0, points, FAR, 1e-8, near, normal)
+    share = np.linspace(0.0, 1.0, 2001)[:, None]
+    on = points[0] + share * (points[1] - points[0])
+    least = min(point_distance(around.obstacles, 0, *x) for x in on) - around.radii[0]
+    assert d == pytest.approx(least, abs=2e-3)
+    assert point_distance(around.obstacles, 0, *near) - around.radii[0] == pytest.approx(d, abs=1e-6)
+
+
+def boxed():
+    """A scene with a box and a bar."""
+    hands = [{"name": n, "start": [2, y, 2], "goal": [2, y, 3]} for n, y in (("a", -0.5), ("b", 0.5))]
+    return {
+        "name": "box",
+        "duration": 5.0,
+        "workspace": {"lower": [-5] * 3, "upper": [5] * 3},
+        "obstacles": [{"shape": "box", "center": [0, 0, 0], "size": [0.3, 0.4, 0.5]}],
+        "load": {"shape": "bar", "length": 1.0},
+        "manipulators": hands,
+    }

@@ -11,6 +11,8 @@ from math import cos, sin, sqrt
 from comove.compiled import kernel
 from comove.geometry.distances import REACH
 
+Instant = tuple[int, int, float]
+
 RESTING = (0, 0, 0.0)
 """The instant of obstacles that do not move."""
 
@@ -29,17 +31,25 @@ def instant_at(moved, t):
 @kernel(counted=False)
 def carried_back(moved, row, instant, x, y, z):
     """Return a point [m] as seen from an obstacle at an instant, in the frame in which the obstacle rests."""
-    if moved.offsets.shape[0] == 0:
-        return x, y, z
-    x -= offset_at(moved, row, instant, 0)
-    y -= offset_at(moved, row, instant, 1)
-    z -= offset_at(moved, row, instant, 2)
-    angle = angle_at(moved, row, instant)
+    x, y, z = shifted_back(moved, row, instant, x, y, z)
+    angle = angle_at(moved, row, instant) if moved.offsets.shape[0] > 0 else 0.0
     if angle == 0.0:
         return x, y, z
     a, b, c = moved.centers[row, 0], moved.centers[row, 1], moved.centers[row, 2]
     u, v, w = turned(moved.axes[row], cos(angle), -sin(angle), x - a, y - b, z - c)
     return a + u, b + v, c + w
+
+
+@kernel(counted=False)
+def shifted_back(moved, row, instant, x, y, z):
+    """Return the same for an obstacle that does not turn, or for distances from its centre, which turns keep."""
+    if moved.offsets.shape[0] == 0:
+        return x, y, z
+    return (
+        x - offset_at(moved, row, instant, 0),
+        y - offset_at(moved, row, instant, 1),
+        z - offset_at(moved, row, instant, 2),
+    )
 
 
 @kernel(counted=False)

@@ -16,13 +16,11 @@ from comove.arrays import Array
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back
 from comove.contacts.surroundings import corner_of, count_corners, count_parts, radius_of, whose
-from comove.geometry.closest_points import near_on_hull, near_on_solid, solid_gradient
+from comove.geometry.closest_points import near_on_edge, near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import (
     CENTER,
     REACH,
-    TINY,
     distance_and_gradient,
-    nearest_on_segment,
     point_distance,
     segment_distance,
 )
@@ -164,14 +162,20 @@ def part_apart(around, moved, instant, nodes, part, thing, row, enough):
 
 
 @kernel(counted=False)
-def near_things(around, moved, instant, nodes, cutoff, near):
-    """Write the things that may be within `cutoff` [m] of any node into `near`; return their number."""
-    x, y, z, square, share, count = 0.0, 0.0, 0.0, 0.0, 1.0 / nodes.shape[0], 0
+def ball_about(nodes):
+    """Return centre and radius [m] of a ball that contains nodes; array, shape (n_nodes, 3)."""
+    x, y, z, square, share = 0.0, 0.0, 0.0, 0.0, 1.0 / nodes.shape[0]
     for i in range(nodes.shape[0]):
         x, y, z = x + share * nodes[i, 0], y + share * nodes[i, 1], z + share * nodes[i, 2]
     for i in range(nodes.shape[0]):
         square = max(square, (nodes[i, 0] - x) ** 2 + (nodes[i, 1] - y) ** 2 + (nodes[i, 2] - z) ** 2)
-    reach = sqrt(square)
+    return x, y, z, sqrt(square)
+
+
+@kernel(counted=False)
+def near_things(around, moved, instant, nodes, cutoff, near):
+    """Write the things that may be within `cutoff` [m] of any node into `near`; return their number."""
+    (x, y, z, reach), count = ball_about(nodes), 0
     for thing in range(near.shape[0]):
         row, _ = whose(around, thing)
         u, v, w = carried_back(moved, row, instant, x, y, z)
@@ -196,11 +200,7 @@ def nearest_point(around, part, thing, row, points, cutoff, tolerance, near, nor
         distance = _near_mesh(around.surfaces, thing - n_rows, points, cutoff + radius, near, normal)
     elif part < n_rods:
         p, q = points[0], points[1]
-        distance, share, high, falls, rises = nearest_on_segment(
-            around.obstacles, row, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radius, tolerance
-        )
-        if high > share:  # where the slopes, taken to change evenly, vanish
-            share += (high - share) * min(max(-falls / max(rises - falls, TINY), 0.0), 1.0)
+        distance, share = near_on_edge(around.obstacles, row, p, q, cutoff + radius, tolerance)
         for axis in range(3):
             near[axis] = p[axis] + share * (q[axis] - p[axis])
     else:

@@ -25,13 +25,13 @@ N_PARTS = 15  # of a box: edges and pairs of faces
 
 
 @kernel
-def near_on_edge(table, j, p, q, cutoff):
+def near_on_edge(table, j, p, q, cutoff, tolerance=PLACE_TOLERANCE):
     """Return the distance [m] of the segment p-q from obstacle `j`, and its place on the segment, from 0 to 1.
 
     Where the distance is certainly above `cutoff`, any value above `cutoff` may be returned.
     """
     distance, low, high, falls, rises = nearest_on_segment(
-        table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff, PLACE_TOLERANCE
+        table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff, tolerance
     )
     if high <= low:
         return distance, low

@@ -1,16 +1,15 @@
-"""Times of nodes: where obstacles are at a share of a movement, how far they come, and how fast a payload may be."""
+"""Times of nodes: how far obstacles come between them, and how fast a payload may be."""
 
 from __future__ import annotations
 
-from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from comove.arrays import Array
 from comove.compiled import kernel
-from comove.contacts.displaced import angle_at, instant_at, offset_at, turned
-from comove.geometry.distances import CENTER, REACH, ROTATION
+from comove.contacts.displaced import RESTING, instant_at
+from comove.geometry.distances import REACH
 from comove.model.moving import Displacements
 
 
@@ -19,8 +18,7 @@ class Timing(NamedTuple):
 
     Attributes
     ----------
-    resting : array, shape (n_rows, n_columns), table of the obstacles at 0 s
-    moved : their displacements at even times
+    moved : displacements of the obstacles at even times
     fastest : largest speed of a point of an obstacle [m a duration]
     speed : limit of the speed of a payload's node [m a duration]
     share : of their limits of speed that joints may use
@@ -28,7 +26,6 @@ class Timing(NamedTuple):
     time_step, waiting : as in `spacetime.SpaceTimeSettings`
     """
 
-    resting: Array
     moved: Displacements
     fastest: float
     speed: float
@@ -52,37 +49,11 @@ def fastest_point(table: Array, moved: Displacements) -> float:
 
 
 @kernel
-def place_obstacles(resting, moved, share, table):
-    """Write centres and orientations of obstacles at a share of the movement; nothing where none moves.
-
-    Parameters
-    ----------
-    resting : array, shape (n_rows, n_columns), the table at 0 s
-    moved : Displacements, at even times
-    share : normalised time
-    table : result, array, shape (n_rows, n_columns), at first a copy of `resting`, or a result at another time
-    """
-    last = moved.offsets.shape[0] - 1
-    if last < 0:
-        return
-    instant = instant_at(moved, share)
-    for j in range(resting.shape[0]):
-        for k in range(3):
-            table[j, CENTER + k] = resting[j, CENTER + k] + offset_at(moved, j, instant, k)
-        if moved.angles[0, j] != 0.0 or moved.angles[last, j] != 0.0:  # it turns, at a constant rate
-            axis, angle = moved.axes[j], angle_at(moved, j, instant)
-            cosine, sine = cos(angle), sin(angle)
-            for c in range(ROTATION, ROTATION + 3):  # columns of the matrix, whose rows follow each other
-                x, y, z = turned(axis, cosine, sine, resting[j, c], resting[j, 3 + c], resting[j, 6 + c])
-                table[j, c], table[j, 3 + c], table[j, 6 + c] = x, y, z
-
-
-@kernel
-def set_time(timing, table, node):
-    """Move the obstacles of a table to where they are at the time of a node."""
+def instant_of(timing, node):
+    """Return the instant of a node, at which obstacles are looked at; they rest without times."""
     if timing is None:
-        return
-    place_obstacles(timing.resting, timing.moved, node[-1], table)
+        return RESTING
+    return instant_at(timing.moved, node[-1])
 
 
 @kernel

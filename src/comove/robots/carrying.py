@@ -40,7 +40,7 @@ from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import MET, Arms, Strain, follow
-from comove.robots.search.links import FAT, FATTEST, Links, LinkSurroundings, load_lines, recalled
+from comove.robots.search.links import FAT, FATTEST, Hold, Links, LinkSurroundings, load_lines, recalled
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
@@ -155,11 +155,13 @@ class RobotCarrier(LimitedKinematics):
         edges, radii = load_lines(scene)
         n_nodes = None if grasp.keypoints else len(self.holders)  # a load may turn while its hands stay
         around = LinkSurroundings(
-            at_rest=np.ascontiguousarray(grasp.at_rest),
-            turning=np.ascontiguousarray(grasp.turning),
-            first=grasp.holders[0],
-            second=grasp.holders[min(1, len(grasp.holders) - 1)],
-            keypoints=np.array(grasp.keypoints, dtype=np.int64),
+            hold=Hold(
+                np.ascontiguousarray(grasp.at_rest),
+                np.ascontiguousarray(grasp.turning),
+                grasp.holders[0],
+                grasp.holders[min(1, len(grasp.holders) - 1)],
+                np.array(grasp.keypoints, dtype=np.int64),
+            ),
             obstacles=scene.obstacles,
             edges=edges,
             radii=radii,
@@ -589,7 +591,7 @@ class RobotCarrier(LimitedKinematics):
         """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         arms = self.arms
-        done = THREADS.map(lambda part: follow(arms.apart(), part, course, self.scene.duration), parts)
+        done = THREADS.map(lambda part: follow(arms, part, course, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_course(self, nodes: Array) -> Array:

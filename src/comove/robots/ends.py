@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
+from comove.contacts.displaced import RESTING
 from comove.errors import SceneError
 from comove.model.grasp import Grasp
 from comove.model.scene import Scene
@@ -249,7 +250,7 @@ class EndJoints:
         array, shape (n,)
         """
         arms = self.arms
-        return clearances_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
+        return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
     def branches(self, end: str) -> tuple[Array, ...]:
         """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and

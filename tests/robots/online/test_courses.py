@@ -14,6 +14,7 @@ from comove.geometry.distances import CENTER
 from comove.model import Scene
 from comove.robots.online.courses import (
     WAIT,
+    Movers,
     Places,
     SlotCosts,
     dangers,
@@ -103,7 +104,7 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, half, spi
     begins, times = rng.uniform(-1, 1, 3), np.linspace(0.3, 4.0, 30)
     seen = ball(begins, (rng.uniform(-0.3, 0.3, 3) - begins) / 2, shape)
     seen = seen._replace(spin=np.array([spin], dtype=float))
-    found = dangers(Places(start, end, radius), seen, times, COSTS).T
+    found = dangers(Places(start, end, radius), Movers.of(seen), times, COSTS).T
     center = seen.table[0, CENTER : CENTER + 3] + times[:, None] * seen.velocity[0]
     points = start[..., None, :] + np.linspace(0, 1, 400)[:, None] * (end - start)[..., None, :]
     off = points[:, None] - center[:, None, None]
@@ -118,7 +119,8 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, half, spi
     np.testing.assert_allclose(found[sure], wanted[sure], atol=0.1, rtol=0.01)
     rows = np.array([0, 3, 4, 1, 2])
     bodies = Places(start[rows], end[rows], radius)
-    np.testing.assert_allclose(dangers_along(bodies, seen, times[:5], COSTS), found[rows, np.arange(5)])
+    alone = dangers_along(bodies, Movers.of(seen), times[:5], COSTS)
+    np.testing.assert_allclose(alone, found[rows, np.arange(5)])
 
 
 @given(
@@ -137,7 +139,8 @@ def test_the_instants_of_nearness_are_those_that_distances_tell(off, step, far):
 def test_what_stands_is_as_near_at_all_times():
     rng = np.random.default_rng(3)
     bodies = Places(*rng.uniform(-0.3, 0.3, (2, 4, 3, 3)), np.full(3, 0.05))
-    found = dangers(bodies, ball([0.2, 0.1, 0.0], [0.0, 0.0, 0.0]), np.linspace(0, 2, 9), COSTS)
+    still = Movers.of(ball([0.2, 0.1, 0.0], [0.0, 0.0, 0.0]))
+    found = dangers(bodies, still, np.linspace(0, 2, 9), COSTS)
     np.testing.assert_array_equal(found, np.repeat(found[:1], 9, axis=0))
 
 

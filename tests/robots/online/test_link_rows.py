@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from comove.contacts.rods import nearest_shares
 from comove.control.safety.cbf_qp import SafetyFilter
 from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
 from comove.control.safety.twists import advanced, nodes_of, poses_of
@@ -13,7 +14,7 @@ from comove.model import Scene
 from comove.model.coordinates import HandPoses
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, link_rows
-from comove.robots.search.links import nearest_shares, place_links
+from comove.robots.search.links import place_links
 from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
 

@@ -4,10 +4,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
+from comove.contacts.displaced import RESTING
 from comove.errors import ComoveWarning
 from comove.model import Scene
 from comove.robots import Robot
@@ -21,8 +19,6 @@ from comove.robots.search.links import (
     body_distances,
     links_clearance,
     links_of,
-    near_enough,
-    nearest_shares,
     pair_distances,
     place_links,
     recalled,
@@ -30,8 +26,6 @@ from comove.robots.search.links import (
 from tests.robots import small_robots
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import BUNDLED, RANDOM, robot, urdf, written
-
-POINT = arrays(float, 3, elements=st.one_of(st.integers(-2, 2).map(float), st.floats(-2, 2)))
 
 
 def around(obstacles, edges, radii):
@@ -92,20 +86,7 @@ def test_a_robot_without_collision_bodies_has_no_links(tmp_path):
     with pytest.warns(ComoveWarning):  # of what the model leaves out
         machine = Robot.load(written(tmp_path, {"r.urdf": text}, description))
     links = links_of(machine, machine.arms)
-    assert links_clearance(links, NOTHING, *start_and_end(links), np.zeros((2, 3)), 0.3) == 0.3
-
-
-@given(POINT, POINT, POINT, POINT)
-def test_segments_are_as_far_apart_as_their_nearest_points(a, b, c, d):
-    s, t, apart = nearest_shares(a, b, c, d)
-    assert apart == pytest.approx(np.linalg.norm(a + s * (b - a) - c - t * (d - c)), abs=1e-12)
-    u = np.linspace(0, 1, 41)
-    p, q = a + u[:, None] * (b - a), c + u[:, None] * (d - c)
-    grid = np.linalg.norm(p[:, None] - q[None], axis=2).min()
-    step = (np.linalg.norm(b - a) + np.linalg.norm(d - c)) / 80
-    assert grid - step - 1e-9 <= apart <= grid + 1e-7
-    assert nearest_shares(c, d, a, b)[2] == pytest.approx(apart, abs=1e-7)
-    assert near_enough(a, b, c, d, apart + 1e-6)
+    assert links_clearance(links, NOTHING, RESTING, *start_and_end(links), np.zeros((2, 3)), 0.3) == 0.3
 
 
 def solid(a, b, radius):
@@ -162,7 +143,7 @@ def test_clearances_are_those_of_the_capsules_in_coal():
         wanted += [between(capsules[i], rod) for i in np.flatnonzero(~links.holds) for rod in load]
         wanted += [between(capsules[i], capsules[j]) for i, j in links.pairs]
         scenery = around(scene.obstacles, body.edges, body.radii)
-        found = links_clearance(links, scenery, start, end, nodes, cap)
+        found = links_clearance(links, scenery, RESTING, start, end, nodes, cap)
         told.append(found)
         if min(wanted) > -0.01:
             assert found == pytest.approx(min(cap, *wanted), abs=2 * ROUGH)
@@ -191,7 +172,7 @@ def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_what_st
             for thing in things
         )
         scenery = around(scene.obstacles, body.edges, body.radii)
-        found = links_clearance(pairs, scenery, start, end, far, 0.1)
+        found = links_clearance(pairs, scenery, RESTING, start, end, far, 0.1)
         assert found <= max(exact, 0.0) + PROUDEST + ROUGH
 
 
@@ -199,7 +180,7 @@ def clearance_of_links(machine, links, q):
     """Least distance of the links from each other at joints of all arms [m]."""
     start, end = start_and_end(links)
     place_links(chains_of(machine, machine.arms), links, q[small_robots.columns(machine.arms)], start, end)
-    return links_clearance(links, NOTHING, start, end, np.zeros((2, 3)), 0.2)
+    return links_clearance(links, NOTHING, RESTING, start, end, np.zeros((2, 3)), 0.2)
 
 
 @pytest.mark.parametrize("name", ["ur5_and_panda", "two_ur10", "random 0"])
@@ -269,7 +250,7 @@ def test_links_count_as_farther_from_each_other_by_what_they_need_less():
     home, (a, b) = np.concatenate([arm.home for arm in machine.arms]), start_and_end(links)
     place_links(chains, links, home, a, b)
     plain, eased = (
-        links_clearance(links, NOTHING._replace(eased=less), a, b, np.zeros((2, 3)), 0.5)
+        links_clearance(links, NOTHING._replace(eased=less), RESTING, a, b, np.zeros((2, 3)), 0.5)
         for less in (0.0, 0.004)
     )
     assert eased == pytest.approx(plain + 0.004)

@@ -11,7 +11,7 @@ to go at the end of the prediction horizon counts as if nothing moved any more.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import ceil, cos, sin, sqrt
+from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +20,15 @@ from scipy.sparse.csgraph import dijkstra
 
 from comove.arrays import Array, Integers
 from comove.compiled import copy_to, kernel
-from comove.contacts.displaced import turned
+from comove.contacts.rods import rod_distance
 from comove.control.safety.qp_workspace import Sighting
-from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
+from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE
 from comove.model.blocks import place_one
+from comove.model.moving import Displacements
 from comove.planning.configurations import Space
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.links import ROUGH, Links, near_enough, nearest_shares, place_links
+from comove.robots.search.links import ROUGH, Links, place_links
 
 WAIT = -1
 
@@ -67,6 +68,33 @@ class CourseSettings:
     n_slots: int = 80
     thicker: float = 0.015
     costs: SlotCosts = field(default_factory=SlotCosts)
+
+
+class Movers(NamedTuple):
+    """Moving obstacles, which are predicted to go on at their velocities and to turn on at their spins.
+
+    Attributes
+    ----------
+    table : array, shape (n_rows, n_columns), table of the obstacles as they are now
+    moved : their displacements after 0 s and after 1 s, at which they go on: instants are (0, 1, time)
+    margin : array, shape (n_rows,), distance kept for uncertainty [m]
+    """
+
+    table: Array
+    moved: Displacements
+    margin: Array
+
+    @classmethod
+    def of(cls, seen: Sighting) -> Movers:
+        """Return obstacles that move, as they are predicted."""
+        rate = np.linalg.norm(seen.spin, axis=1)
+        axes = (
+            np.where(rate[:, None] > 0.0, seen.spin, [0.0, 0.0, 1.0])
+            / np.where(rate > 0.0, rate, 1.0)[:, None]
+        )
+        offsets, angles = (np.stack([np.zeros_like(rates), rates]) for rates in (seen.velocity, rate))
+        centers = seen.table[:, CENTER : CENTER + 3]
+        return cls(seen.table, Displacements.of(offsets, centers, angles, axes), seen.margin)
 
 
 class Places(NamedTuple):
@@ -146,61 +174,6 @@ def _cost(h: float, costs: SlotCosts) -> float:
 
 
 @kernel
-def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: float, ends: Array) -> float:
-    """Return the clearance of a segment from a mover at a time, less its margin [m].
-
-    Where it is above `far`, any value above `far` may be returned.
-
-    Parameters
-    ----------
-    ends : work array, shape (4, 3), of the axis of a capsule and of the segment as the mover has it
-    """
-    table, velocity = seen.table, seen.velocity
-    x, y, z = time * velocity[j, 0], time * velocity[j, 1], time * velocity[j, 2]
-    u, v, w = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    a, b, c = table[j, CENTER] + x - p[0], table[j, CENTER + 1] + y - p[1], table[j, CENTER + 2] + z - p[2]
-    share = min(1.0, max(0.0, (a * u + b * v + c * w) / max(u * u + v * v + w * w, 1e-18)))
-    away = sqrt((a - share * u) ** 2 + (b - share * v) ** 2 + (c - share * w) ** 2) - seen.margin[j]
-    if away - table[j, REACH] > far or table[j, KIND] == SPHERE:
-        return away - table[j, REACH]
-    if turns(seen, j):
-        _from_obstacle(seen, j, time, p, ends[2])
-        _from_obstacle(seen, j, time, q, ends[3])
-        p, q, x, y, z = ends[2], ends[3], 0.0, 0.0, 0.0
-    if table[j, KIND] == CAPSULE:
-        moved = x, y, z
-        for k in range(3):
-            middle, half = (
-                table[j, CENTER + k] + moved[k],
-                table[j, SIZE + 1] * table[j, ROTATION + 3 * k + 2],
-            )
-            ends[0][k], ends[1][k] = middle - half, middle + half
-        return nearest_shares(p, q, ends[0], ends[1])[2] - table[j, SIZE] - seen.margin[j]
-    near = segment_distance(
-        table, j, p[0] - x, p[1] - y, p[2] - z, q[0] - x, q[1] - y, q[2] - z, far + seen.margin[j], ROUGH
-    )
-    return near - seen.margin[j]
-
-
-@kernel
-def turns(seen: Sighting, j: int) -> bool:
-    """Return whether an obstacle turns, and not only moves."""
-    return bool(seen.spin[j, 0] != 0.0 or seen.spin[j, 1] != 0.0 or seen.spin[j, 2] != 0.0)
-
-
-@kernel
-def _from_obstacle(seen: Sighting, j: int, time: float, p: Array, out: Array) -> None:
-    """Write a point at a time [s] as an obstacle that turns has it that is where it is now; array, shape (3,) [m]."""
-    spin, center, velocity = seen.spin[j], seen.table[j, CENTER : CENTER + 3], seen.velocity[j]
-    rate = sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
-    axis = spin[0] / rate, spin[1] / rate, spin[2] / rate
-    for k in range(3):
-        out[k] = p[k] - center[k] - time * velocity[k]
-    x, y, z = turned(axis, cos(time * rate), -sin(time * rate), out[0], out[1], out[2])
-    out[0], out[1], out[2] = center[0] + x, center[1] + y, center[2] + z
-
-
-@kernel
 def instants_near(off: Array, step: Array, far: float, n: int) -> tuple[int, int]:
     """Return the first and one past the last k of range(n) at which |off + k step| is at most `far`; 0, 0 for none.
 
@@ -273,23 +246,21 @@ def _off_axis(axis: Array, vector: Array, out: Array) -> None:
 
 
 @kernel
-def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> Array:
+def dangers(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> Array:
     """Return what it costs to be at a sample at an instant; array, shape (n_times, n_samples).
 
     Parameters
     ----------
-    seen : moving obstacles, which are predicted to go on at their velocities and to turn on at their spins
     times : array, shape (n_times,), evenly spaced from now on [s]
     """
-    start, end, radius = bodies
-    n_samples, n_times, n_movers = start.shape[0], times.shape[0], seen.table.shape[0]
+    (start, end, radius), (table, moved, margin) = bodies, movers
+    n_samples, n_times, n_movers = start.shape[0], times.shape[0], table.shape[0]
     here, step, reach = np.empty((n_movers, 3)), np.empty((n_movers, 3)), np.empty(n_movers)
     for j in range(n_movers):
-        here[j] = seen.table[j, CENTER : CENTER + 3] + times[0] * seen.velocity[j]
-        step[j] = (times[1] - times[0]) * seen.velocity[j]
-        reach[j] = seen.table[j, REACH] + seen.margin[j]
-    cost, off, out = np.empty((n_times, n_samples)), np.empty(3), np.empty(n_times)
-    ends, aside = np.empty((4, 3)), np.empty(3)
+        here[j] = table[j, CENTER : CENTER + 3] + times[0] * moved.offsets[1, j]
+        step[j] = (times[1] - times[0]) * moved.offsets[1, j]
+        reach[j] = table[j, REACH] + margin[j]
+    cost, off, out, aside = np.empty((n_times, n_samples)), np.empty(3), np.empty(n_times), np.empty(3)
     for t in range(n_samples):
         out[:] = 0.0
         for m in range(radius.shape[0]):
@@ -301,22 +272,23 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
                 for x in range(3):
                     off[x] = here[j, x] - 0.5 * (p[x] + q[x])
                 first, last = instants_near(off, step[j], half + far + reach[j], n_times)
-                if seen.table[j, KIND] == SPHERE:
+                if table[j, KIND] == SPHERE:
                     ball = here[j], step[j], first
                     _raise_by_ball(p, q, radius[m] + reach[j], ball, costs, out[first:last])
                     continue
-                turning = turns(seen, j)
+                turning = moved.angles[1, j] != 0.0
                 # Nor are they near where they are too far off its axis.
-                if seen.table[j, KIND] == CAPSULE and not turning:
-                    axis, width = seen.table[j, ROTATION + 2 : ROTATION + 9 : 3], seen.table[j, SIZE]
+                if table[j, KIND] == CAPSULE and not turning:
+                    axis, width = table[j, ROTATION + 2 : ROTATION + 9 : 3], table[j, SIZE]
                     _off_axis(axis, off, off)
                     _off_axis(axis, step[j], aside)
-                    begin, stop = instants_near(off, aside, half + far + width + seen.margin[j], n_times)
+                    begin, stop = instants_near(off, aside, half + far + width + margin[j], n_times)
                     first, last = max(first, begin), min(last, stop)
                 was_near = False
                 for k in range(first, last):
                     if out[k] < costs.hitting:
-                        h = _clearance(seen, j, p, q, times[k], far, ends) - radius[m]
+                        h = rod_distance(table, moved, j, (0, 1, times[k]), p, q, far + margin[j], ROUGH)
+                        h -= margin[j] + radius[m]
                         # Distances of convex bodies that do not turn are convex in time.
                         if h >= costs.near and was_near and not turning:
                             break
@@ -327,20 +299,16 @@ def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> A
 
 
 @kernel
-def dangers_along(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> Array:
+def dangers_along(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> Array:
     """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
-    start, end, radius = bodies
-    cost, here, ends = np.zeros(start.shape[0]), np.empty(3), np.empty((4, 3))
+    (start, end, radius), (table, moved, margin) = bodies, movers
+    cost = np.zeros(start.shape[0])
     for t in range(start.shape[0]):
-        for j in range(seen.table.shape[0]):
-            for x in range(3):
-                here[x] = seen.table[j, CENTER + x] + times[t] * seen.velocity[j, x]
-            for m in range(radius.shape[0]):
-                far = radius[m] + costs.near
-                reach = far + seen.margin[j] + seen.table[j, REACH]
-                if not near_enough(start[t, m], end[t, m], here, here, reach):
-                    continue
-                h = _clearance(seen, j, start[t, m], end[t, m], times[t], far, ends) - radius[m]
+        for m in range(radius.shape[0]):
+            p, q, far = start[t, m], end[t, m], radius[m] + costs.near
+            for j in range(table.shape[0]):
+                h = rod_distance(table, moved, j, (0, 1, times[t]), p, q, far + margin[j], ROUGH)
+                h -= margin[j] + radius[m]
                 cost[t] = max(cost[t], _cost(h, costs))
     return cost
 
@@ -431,7 +399,7 @@ class Foresight:
         """
         rows = np.minimum(rows, len(bodies.start) - 1)
         chosen = bodies._replace(start=bodies.start[rows], end=bodies.end[rows])
-        return dangers_along(chosen, seen, times, self._costs)
+        return dangers_along(chosen, Movers.of(seen), times, self._costs)
 
     def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> RoadmapCourse:
         """Return the best course from the last node of a roadmap.
@@ -447,7 +415,8 @@ class Foresight:
             self._known = roadmap, self.placed(Way(roadmap.configurations, roadmap.joints))
         times = since + SLOT * np.arange(how.n_slots + 1, dtype=np.float64)
         more = self.placed(Way(extended.configurations[n:], extended.joints[n:]))
-        cost = np.hstack([dangers(bodies, seen, times, self._costs) for bodies in (self._known[1], more)])
+        movers, near = Movers.of(seen), (self._known[1], more)
+        cost = np.hstack([dangers(bodies, movers, times, self._costs) for bodies in near])
         left = self._left(extended, cost[-1])
         value, choice = least_costs(extended, cost, left)
         samples, ends = _samples(extended, choice)

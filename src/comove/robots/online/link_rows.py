@@ -18,10 +18,12 @@ import numpy as np
 
 from comove.arrays import Array, Integers
 from comove.compiled import copy_to, kernel
+from comove.contacts.displaced import RESTING
+from comove.contacts.rods import near_enough, nearest_shares, rod_distance
 from comove.control.safety.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
 from comove.control.safety.limits import length_of
 from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
-from comove.geometry.closest_points import near_on_edge, solid_gradient
+from comove.geometry.closest_points import PLACE_TOLERANCE, near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH, points_apart
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
@@ -29,8 +31,6 @@ from comove.robots.search.links import (
     STATIC,
     clearance_between,
     load_clearances,
-    near_enough,
-    nearest_shares,
     place_links,
 )
 
@@ -58,7 +58,6 @@ class LinkRows(NamedTuple):
     Attributes
     ----------
     start, end : arrays, shape (n_links, 3), ends of the links' axes [m]
-    middle, half : arrays, shape (n_links, 3) and (n_links,), middles and half lengths of the axes [m]
     axes, places : arrays, shape (n_joints, 3), axes of the joints in the world's frame, and points on them [m]
     speed : array, shape (n_links,), bounds of the speed of any point of a link in this step [m/s]
     rows, low : arrays, shape (n_rows, n_variables + n_joints) and (n_rows,)
@@ -68,8 +67,6 @@ class LinkRows(NamedTuple):
 
     start: Array
     end: Array
-    middle: Array
-    half: Array
     axes: Array
     places: Array
     speed: Array
@@ -91,8 +88,6 @@ def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     return LinkRows(
         links.start.copy(),
         links.end.copy(),
-        np.empty_like(links.start),
-        np.empty(len(links.radius)),
         np.empty((n_joints, 3)),
         np.empty((n_joints, 3)),
         np.zeros(len(links.radius)),
@@ -147,7 +142,7 @@ def link_rows(
     links, around = arms.links, arms.around
     _place(arms, q, work)
     place_links(arms.chains, links, q, work.start, work.end)
-    _describe(arms, bounds, work)
+    _bound_speeds(arms, bounds, work)
     work.filled[0] = 0
     nearest = np.empty(3)
     for i in links.moving:
@@ -180,11 +175,8 @@ def link_rows(
     for p in range(links.pairs.shape[0]):
         i, k = links.pairs[p]
         need = links.radius[i] + links.radius[k] - links.wider[p] + needs.other
-        spare = points_apart(work.middle[i], work.middle[k]) - work.half[i] - work.half[k] - need
-        if spare >= needs.near:
-            continue
         near = min(needs.near, horizon(work.speed[i] + work.speed[k], rates.gain, rates))
-        if spare >= near:
+        if not near_enough(work.start[i], work.end[i], work.start[k], work.end[k], need + near):
             continue
         one, two, apart = nearest_shares(work.start[i], work.end[i], work.start[k], work.end[k])
         if apart - need < near and apart > 1e-6:
@@ -194,13 +186,9 @@ def link_rows(
 
 
 @kernel
-def _describe(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
-    """Write where links are, and bounds of their speeds: a joint's rate times how far they reach from it at most."""
+def _bound_speeds(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
+    """Write bounds of the speeds of links: a joint's rate times how far they reach from it at most."""
     chains, links = arms.chains, arms.links
-    for i in range(links.radius.shape[0]):
-        work.half[i] = 0.5 * points_apart(work.start[i], work.end[i])
-        for axis in range(3):
-            work.middle[i, axis] = 0.5 * (work.start[i, axis] + work.end[i, axis])
     for i in links.moving:
         work.speed[i] = 0.0
         if links.arm[i] < 0:
@@ -326,21 +314,12 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
     nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
     """
-    links, around = arms.links, arms.around
-    for i in links.moving:
-        a, b, thick = start[i], end[i], links.radius[i]
-        for j in range(around.obstacles.shape[0]):
-            far = thick + needs.obstacle[j]
-            place = around.obstacles[j, CENTER : CENTER + 3]
-            if not near_enough(a, b, place, place, far + around.obstacles[j, REACH]):
-                continue
-            if near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far:
-                return False
-    least = max(needs.other, needs.still)
-    other, still = load_clearances(links, around, start, end, nodes, least)
-    if other < needs.other or still < needs.still:
-        return False
-    return clearance_between(links, start, end, needs.other) >= needs.other
+    left = needs.obstacle.copy()
+    other, still = _lowered(arms, start, end, nodes, arms.around.obstacles, left, needs.other, needs.still)
+    for j in range(left.shape[0]):
+        if left[j] < needs.obstacle[j]:
+            return False
+    return other >= needs.other and still >= needs.still
 
 
 @kernel
@@ -359,18 +338,32 @@ def clearances_along(
     -------
     array, shape (n_rows,), and two numbers [m]
     """
-    links, around = arms.links, arms.around
-    start, end = links.start.copy(), links.end.copy()
+    start, end = arms.links.start.copy(), arms.links.end.copy()
     obstacle, other, still = np.full(table.shape[0], clearance), clearance, clearance
     for t in range(joints.shape[0]):
-        place_links(arms.chains, links, joints[t], start, end)
-        for i in links.moving:
-            for j in range(table.shape[0]):
-                place, far = table[j, CENTER : CENTER + 3], obstacle[j] + links.radius[i] + table[j, REACH]
-                if near_enough(start[i], end[i], place, place, far):
-                    h = near_on_edge(table, j, start[i], end[i], np.inf)[0] - links.radius[i]
-                    obstacle[j] = min(obstacle[j], h)
-        moving, standing = load_clearances(links, around, start, end, nodes[t], clearance)
-        other, still = min(other, moving), min(still, standing)
-        other = clearance_between(links, start, end, other)
+        place_links(arms.chains, arms.links, joints[t], start, end)
+        other, still = _lowered(arms, start, end, nodes[t], table, obstacle, other, still)
     return obstacle, other, still
+
+
+@kernel
+def _lowered(
+    arms: Arms,
+    start: Array,
+    end: Array,
+    nodes: Array,
+    table: Array,
+    obstacle: Array,
+    other: float,
+    still: float,
+) -> tuple[float, float]:
+    """Lower clearances, named as in `LinkNeeds`, to those of placed links; returns the numbers."""
+    links, around = arms.links, arms.around
+    for i in links.moving:
+        p, q, thick = start[i], end[i], links.radius[i]
+        for j in range(table.shape[0]):
+            far = obstacle[j] + thick
+            apart = rod_distance(table, around.moved, j, RESTING, p, q, far, PLACE_TOLERANCE)
+            obstacle[j] = min(obstacle[j], apart - thick)
+    moving, standing = load_clearances(links, around, start, end, nodes, max(other, still))
+    return clearance_between(links, start, end, min(other, moving)), min(still, standing)

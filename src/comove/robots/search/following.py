@@ -14,14 +14,17 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.compiled import kernel
+from comove.contacts.displaced import instant_at
+from comove.model.moving import Displacements
 from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
 from comove.robots.search.links import (
+    STILL,
+    Hold,
     Links,
     LinkSurroundings,
     clearance_around,
     clearance_between,
     place_links,
-    set_share,
 )
 from comove.robots.search.ranges import WristRanges
 
@@ -42,13 +45,9 @@ class Arms(NamedTuple):
     ranges: WristRanges
     around: LinkSurroundings
 
-    def among(self, obstacles: Array) -> Arms:
-        """Return the same arms with another table of obstacles, which kernels may move."""
-        return self._replace(around=self.around.among(obstacles))
-
-    def apart(self) -> Arms:
-        """Return the same arms with a table of obstacles of their own, for kernels that move these."""
-        return self.among(self.around.obstacles.copy())
+    def among(self, obstacles: Array, moved: Displacements = STILL) -> Arms:
+        """Return the same arms among other obstacles, in a table at 0 s."""
+        return self._replace(around=self.around._replace(obstacles=obstacles, moved=moved))
 
 
 class Strain(NamedTuple):
@@ -90,16 +89,16 @@ def solutions(
 @kernel
 def hand_rotation(around: LinkSurroundings, nodes: Array, i: int, out: Array) -> None:
     """Compute the orientation of hand i (see `Grasp.hand_rotations`); nodes, array of shape (n_nodes, 3)."""
-    if around.keypoints.shape[0] > 0:
-        _hand_on_keypoints(around, nodes, i, out)
+    hold, c, s = around.hold, 1.0, 0.0
+    if hold.keypoints.shape[0] > 0:
+        _hand_on_keypoints(hold, nodes, i, out)
         return
-    c, s = 1.0, 0.0
-    if around.turning[i] and around.first != around.second:
-        x = nodes[around.first, 0] - nodes[around.second, 0]
-        y = nodes[around.first, 1] - nodes[around.second, 1]
+    if hold.turning[i] and hold.first != hold.second:
+        x = nodes[hold.first, 0] - nodes[hold.second, 0]
+        y = nodes[hold.first, 1] - nodes[hold.second, 1]
         size = sqrt(x * x + y * y)
         c, s = x / size, y / size
-    rest = around.at_rest[i]
+    rest = hold.at_rest[i]
     for b in range(3):
         out[0, b] = c * rest[0, b] - s * rest[1, b]
         out[1, b] = s * rest[0, b] + c * rest[1, b]
@@ -107,9 +106,9 @@ def hand_rotation(around: LinkSurroundings, nodes: Array, i: int, out: Array) ->
 
 
 @kernel
-def _hand_on_keypoints(around: LinkSurroundings, nodes: Array, i: int, out: Array) -> None:
+def _hand_on_keypoints(hold: Hold, nodes: Array, i: int, out: Array) -> None:
     """Compute the orientation of hand i from the keypoints of the load."""
-    p, q, r = nodes[around.keypoints[0]], nodes[around.keypoints[1]], nodes[around.keypoints[2]]
+    p, q, r = nodes[hold.keypoints[0]], nodes[hold.keypoints[1]], nodes[hold.keypoints[2]]
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     bx, by, bz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -117,9 +116,9 @@ def _hand_on_keypoints(around: LinkSurroundings, nodes: Array, i: int, out: Arra
     ax, ay, az = ax / size, ay / size, az / size
     nx, ny, nz = nx / height, ny / height, nz / height
     bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
-    if not around.turning[i]:
+    if not hold.turning[i]:
         ax, ay, az, bx, by, bz, nx, ny, nz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-    rest = around.at_rest[i]
+    rest = hold.at_rest[i]
     for k in range(3):
         out[0, k] = ax * rest[0, k] + bx * rest[1, k] + nx * rest[2, k]
         out[1, k] = ay * rest[0, k] + by * rest[1, k] + ny * rest[2, k]
@@ -150,7 +149,7 @@ def posture_on(course: Array, around: LinkSurroundings, nodes: Array, out: Array
 
 @kernel(nogil=True)
 def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
-    """Follow motions of the load and its hands; returns the fields of `Strain`. It moves the table of obstacles.
+    """Follow motions of the load and its hands; returns the fields of `Strain`.
 
     Parameters
     ----------
@@ -228,7 +227,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     place_links(chains, links, q[0], ends[0, 0], ends[0, 1])
     for t in range(0, n_steps, stride):
         turn, after = (t // stride) % 2, min(t + stride, n_steps - 1)
-        set_share(around, t / (n_steps - 1))
+        instant = instant_at(around.moved, t / (n_steps - 1))
         here, there, between = ends[turn], ends[1 - turn], ends[2]
         place_links(chains, links, q[after], there[0], there[1])
         moved = _longest_step(links, here, there)
@@ -238,7 +237,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
             penalty += stride * _cost_of_contact(around, wished - apart) / n_steps
         moved += around.fastest * (after - t) / (n_steps - 1)
         far = wished + moved
-        apart = clearance_around(links, around, here[0], here[1], nodes[t], far)
+        apart = clearance_around(links, around, instant, here[0], here[1], nodes[t], far)
         if apart >= far:
             continue
         parts = min(1 + int(moved / sub_step), most)
@@ -246,8 +245,8 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
             if part > 0:
                 _blend(here, there, part / parts, between)
                 _blend(nodes[t], nodes[after], part / parts, load)
-                set_share(around, (t + part / parts * (after - t)) / (n_steps - 1))
-                apart = clearance_around(links, around, between[0], between[1], load, wished)
+                instant = instant_at(around.moved, (t + part / parts * (after - t)) / (n_steps - 1))
+                apart = clearance_around(links, around, instant, between[0], between[1], load, wished)
             if apart < wished:
                 least = min(least, apart)
                 penalty += stride * _cost_of_contact(around, wished - apart) / (n_steps * parts)

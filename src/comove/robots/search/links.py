@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
-from comove.geometry.distances import REACH, point_distance, segment_distance
+from comove.contacts.displaced import RESTING, Instant
+from comove.contacts.query import ball_about
+from comove.contacts.rods import nearest_shares, rod_distance, rods_distance
 from comove.geometry.solids import N_CORNERS
 from comove.model.moving import Displacements
 from comove.model.scene import Scene
-from comove.planning.timing import fastest_point, place_obstacles
+from comove.planning.timing import fastest_point
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
@@ -31,25 +33,39 @@ FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
 STILL = Displacements.of(np.zeros((0, 0, 3)), np.zeros((0, 3)))  # of obstacles that do not move
 
 
+class Hold(NamedTuple):
+    """How the hands are oriented while they hold a load, as arrays for kernels; see `comove.model.grasp.Grasp`.
+
+    Attributes
+    ----------
+    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,), as of a `Grasp`
+    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
+    keypoints : array of int, shape (3,), nodes that tell how the load is turned; (0,) where hands tell its heading
+    """
+
+    at_rest: Array = np.zeros((0, 3, 3))
+    turning: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+    first: int = 0
+    second: int = 0
+    keypoints: Integers = np.zeros(0, dtype=np.int64)
+
+
 class LinkSurroundings(NamedTuple):
     """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it, if they do.
 
     Attributes
     ----------
-    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles, as they are when links are looked at
+    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles at 0 s
     edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
     clearance : required clearance of the links [m]
     eased : clearance that links need less from each other than from other things [m]
     spare : additional clearance that a search keeps [m]
     share : share of the limits of rates and torques that a search uses
-    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.model.grasp.Grasp`
-    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
-    keypoints : array of int, shape (3,), nodes that tell how the load is turned; (0,) where hands tell its heading
+    hold : how the hands hold the load
     carried : array, shape (n_arms,), mass at each hand [kg]
     posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
     ends : array, shape (2, n, 3), the first nodes at start and goal, hands at least [m]
-    resting : array, shape (n_obstacles, N_COLUMNS), table of the obstacles at 0 s; unused where none moves
-    moved : displacements of the obstacles at even times of the movement
+    moved : displacements of the obstacles at even times of the movement; none if nothing moves
     fastest : largest speed of a point of an obstacle [m a duration]
     """
 
@@ -60,33 +76,19 @@ class LinkSurroundings(NamedTuple):
     eased: float
     spare: float = 0.0
     share: float = 1.0
-    at_rest: Array = np.zeros((0, 3, 3))
-    turning: NDArray[np.bool_] = np.zeros(0, dtype=bool)
-    first: int = 0
-    second: int = 0
-    keypoints: Integers = np.zeros(0, dtype=np.int64)
+    hold: Hold = Hold()
     carried: Array = np.zeros(0)
     posture: Array = np.zeros(0)
     ends: Array = np.zeros((2, 0, 3))
-    resting: Array = np.zeros((0, 0))
     moved: Displacements = STILL
     fastest: float = 0.0
-
-    def among(self, obstacles: Array) -> LinkSurroundings:
-        """Return the same with another table of obstacles, which kernels may move."""
-        return self._replace(obstacles=obstacles)
 
     def in_motion(self, scene: Scene, n_intervals: int = 400) -> LinkSurroundings:
         """Return the same with the motion of a scene's obstacles."""
         if not scene.moving.any():
             return self
         moved = scene.displacements(np.linspace(0.0, scene.duration, n_intervals + 1))
-        return self._replace(
-            obstacles=scene.obstacles.copy(),
-            resting=scene.obstacles,
-            moved=moved,
-            fastest=fastest_point(scene.obstacles, moved),
-        )
+        return self._replace(moved=moved, fastest=fastest_point(scene.obstacles, moved))
 
 
 class Links(NamedTuple):
@@ -341,8 +343,8 @@ def pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
         for p in range(links.pairs.shape[0]):
             i, j = links.pairs[p, 0], links.pairs[p, 1]
             thick = links.radius[i] + links.radius[j] - links.wider[p]
-            if near_enough(start[i], end[i], start[j], end[j], ENOUGH + thick):
-                least[p] = min(least[p], nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
+            apart = rods_distance(start[i], end[i], start[j], end[j], ENOUGH + thick)
+            least[p] = min(least[p], apart - thick)
     return least
 
 
@@ -371,60 +373,14 @@ def place_links(chains: Chains, links: Links, q: Array, start: Array, end: Array
 
 
 @kernel
-def nearest_shares(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float, float]:
-    """Return the shares of the segments a-b and c-d at which they are nearest, and their distance [m] (Ericson, 2005,
-    5.1.9).
-    """
-    uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
-    for x in range(3):
-        u, v, w = b[x] - a[x], d[x] - c[x], a[x] - c[x]
-        uu += u * u
-        vv += v * v
-        uv += u * v
-        uw += u * w
-        vw += v * w
-    s, t = 0.0, 0.0
-    if uu > 1e-18:
-        det = uu * vv - uv * uv
-        if det > 1e-12 * uu * vv:
-            s = min(1.0, max(0.0, (uv * vw - vv * uw) / det))
-        if vv > 1e-18:
-            t = (uv * s + vw) / vv
-            if t < 0.0:
-                t, s = 0.0, min(1.0, max(0.0, -uw / uu))
-            elif t > 1.0:
-                t, s = 1.0, min(1.0, max(0.0, (uv - uw) / uu))
-        else:
-            s = min(1.0, max(0.0, -uw / uu))
-    elif vv > 1e-18:
-        t = min(1.0, max(0.0, vw / vv))
-    square = 0.0
-    for x in range(3):
-        square += (a[x] + s * (b[x] - a[x]) - c[x] - t * (d[x] - c[x])) ** 2
-    return s, t, sqrt(square)
-
-
-@kernel
-def near_enough(a: Array, b: Array, c: Array, d: Array, far: float) -> bool:
-    """Return whether the bounding balls of two segments are within `far` [m] of each other."""
-    square, one, two = 0.0, 0.0, 0.0
-    for x in range(3):
-        square += (0.5 * (a[x] + b[x] - c[x] - d[x])) ** 2
-        one += (b[x] - a[x]) ** 2
-        two += (d[x] - c[x]) ** 2
-    reach = far + 0.5 * (sqrt(one) + sqrt(two))
-    return square < reach * reach
-
-
-@kernel
-def set_share(around: LinkSurroundings, share: float) -> None:
-    """Move the obstacles to where they are at a share of the movement."""
-    place_obstacles(around.resting, around.moved, share, around.obstacles)
-
-
-@kernel
 def links_clearance(
-    links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
+    links: Links,
+    around: LinkSurroundings,
+    instant: Instant,
+    start: Array,
+    end: Array,
+    nodes: Array,
+    cap: float,
 ) -> float:
     """Compute the least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
 
@@ -432,56 +388,68 @@ def links_clearance(
 
     Parameters
     ----------
+    instant : at which obstacles are looked at, as in `comove.contacts.displaced`
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
     nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
     """
-    least, eased = clearance_around(links, around, start, end, nodes, cap), around.eased
+    least, eased = clearance_around(links, around, instant, start, end, nodes, cap), around.eased
     return clearance_between(links, start, end, least - eased) + eased
 
 
 @kernel
-def clearance_at(
-    chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, cap: float
-) -> float:
-    """Compute the clearance of the links, see `links_clearance`, at the joints q, array of shape (n_joints,) [m]."""
-    start, end = links.start.copy(), links.end.copy()
-    place_links(chains, links, q, start, end)
-    return links_clearance(links, around, start, end, nodes, cap)
-
-
-@kernel
 def clearances_at(
-    chains: Chains, links: Links, around: LinkSurroundings, joints: Array, nodes: Array, cap: float
+    chains: Chains,
+    links: Links,
+    around: LinkSurroundings,
+    instant: Instant,
+    joints: Array,
+    nodes: Array,
+    cap: float,
+    blocked: float = -np.inf,
 ) -> Array:
-    """Compute `clearance_at` at several joints, array of shape (n, n_joints); array, shape (n,) [m]."""
-    found = np.empty(joints.shape[0])
+    """Compute the clearances of the links, see `links_clearance`, at several joints, array of shape (n, n_joints).
+
+    Returns
+    -------
+    array, shape (n,) [m]; -inf from the first one on that is not above `blocked`
+    """
+    found, start, end = np.full(joints.shape[0], -np.inf), links.start.copy(), links.end.copy()
     for k in range(joints.shape[0]):
-        found[k] = clearance_at(chains, links, around, joints[k], nodes, cap)
+        place_links(chains, links, joints[k], start, end)
+        apart = links_clearance(links, around, instant, start, end, nodes, cap)
+        if apart <= blocked:
+            break
+        found[k] = apart
     return found
 
 
 @kernel
 def clearance_around(
-    links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
+    links: Links,
+    around: LinkSurroundings,
+    instant: Instant,
+    start: Array,
+    end: Array,
+    nodes: Array,
+    cap: float,
 ) -> float:
     """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
-    obstacles, least = around.obstacles, cap
+    least = cap
     for i in links.moving:
-        a, b, r = start[i], end[i], links.radius[i]
-        if obstacles.shape[0] > 0:
-            x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-            reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
-            for j in range(obstacles.shape[0]):
-                far = reach + obstacles[j, REACH]
-                dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
-                near = dx * dx + dy * dy + dz * dz < far * far
-                if near and point_distance(obstacles, j, x, y, z) < reach:
-                    apart = (
-                        segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH)
-                        - r
-                    )
-                    least = min(least, apart)
+        least = _from_obstacles(around, instant, start[i], end[i], links.radius[i], least)
     return min(load_clearances(links, around, start, end, nodes, least))
+
+
+@kernel(counted=False)
+def _from_obstacles(
+    around: LinkSurroundings, instant: Instant, a: Array, b: Array, radius: float, cap: float
+) -> float:
+    """Return the least distance [m] of a link from obstacles at an instant, at most `cap`."""
+    least, obstacles = cap, around.obstacles
+    for j in range(obstacles.shape[0]):
+        apart = rod_distance(obstacles, around.moved, j, instant, a, b, least + radius, ROUGH)
+        least = min(least, apart - radius)
+    return least
 
 
 @kernel
@@ -491,27 +459,42 @@ def load_clearances(
     """Compute the least distances [m] of the load, from moving links that do not hold it, and from links that stand
     still, each at most `cap`.
     """
-    edges, radii, moving, still = around.edges, around.radii, cap, cap
-    cx, cy, cz, size = _ball_of_load(nodes, radii)
+    moving, still, ball = cap, cap, ball_about(nodes)
     for i in range(links.joint.shape[0]):
         if links.holds[i]:
             continue
-        a, b, r = start[i], end[i], links.radius[i]
-        least = still if links.joint[i] == STATIC else moving
-        x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
-        half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-        far = size + half + r + least
-        if x * x + y * y + z * z > far * far:
-            continue
-        for e in range(edges.shape[0]):
-            c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
-            if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
-                least = min(least, nearest_shares(a, b, c, d)[2] - thick)
         if links.joint[i] == STATIC:
-            still = least
+            still = _from_load(around, start[i], end[i], links.radius[i], nodes, ball, still)
         else:
-            moving = least
+            moving = _from_load(around, start[i], end[i], links.radius[i], nodes, ball, moving)
     return moving, still
+
+
+@kernel(counted=False)
+def _from_load(
+    around: LinkSurroundings,
+    a: Array,
+    b: Array,
+    radius: float,
+    nodes: Array,
+    ball: tuple[float, float, float, float],
+    cap: float,
+) -> float:
+    """Return the least distance [m] of a link from the load, whose nodes are in a ball, at most `cap`."""
+    least, thickest, edges, (x, y, z, size) = cap, 0.0, around.edges, ball
+    for e in range(edges.shape[0]):
+        thickest = max(thickest, around.radii[e])
+    x, y, z = 0.5 * (a[0] + b[0]) - x, 0.5 * (a[1] + b[1]) - y, 0.5 * (a[2] + b[2]) - z
+    half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+    far = size + thickest + half + radius + cap
+    if x * x + y * y + z * z > far * far:
+        return cap
+    for e in range(edges.shape[0]):
+        if edges[e, 0] != edges[e, 1]:
+            thick = radius + around.radii[e]
+            apart = rods_distance(a, b, nodes[edges[e, 0]], nodes[edges[e, 1]], least + thick)
+            least = min(least, apart - thick)
+    return least
 
 
 @kernel
@@ -521,48 +504,16 @@ def links_near(
     """Return whether each moving link is within `enough` [m] of an obstacle or the load at the joints q, array of
     shape (n_joints,); array, shape (n_links,).
     """
-    start, end = links.start.copy(), links.end.copy()
+    start, end, ball = links.start.copy(), links.end.copy(), ball_about(nodes)
     place_links(chains, links, q, start, end)
-    near, holds = (
-        np.zeros(links.joint.shape[0], dtype=np.bool_),
-        np.ones(links.joint.shape[0], dtype=np.bool_),
-    )
-    for k in range(links.moving.shape[0]):
-        i = links.moving[k]
-        holds[i] = links.holds[i]  # of all others nothing is asked
-        one = Links(
-            links.joint,
-            links.arm,
-            start,
-            end,
-            links.radius,
-            links.pairs,
-            links.wider,
-            links.runs,
-            links.group,
-            links.group_radius,
-            holds,
-            links.moving[k : k + 1],
-        )
-        near[i] = clearance_around(one, around, start, end, nodes, enough) < enough
-        holds[i] = True
+    near = np.zeros(links.joint.shape[0], dtype=np.bool_)
+    for i in links.moving:
+        a, b, radius = start[i], end[i], links.radius[i]
+        least = _from_obstacles(around, RESTING, a, b, radius, enough)
+        if not links.holds[i]:
+            least = _from_load(around, a, b, radius, nodes, ball, least)
+        near[i] = least < enough
     return near
-
-
-@kernel
-def _ball_of_load(nodes: Array, radii: Array) -> tuple[float, float, float, float]:
-    """Compute centre and radius of a ball around the load and its hands [m]."""
-    x, y, z, square = 0.0, 0.0, 0.0, 0.0
-    for n in range(nodes.shape[0]):
-        x += nodes[n, 0] / nodes.shape[0]
-        y += nodes[n, 1] / nodes.shape[0]
-        z += nodes[n, 2] / nodes.shape[0]
-    for n in range(nodes.shape[0]):
-        square = max(square, (nodes[n, 0] - x) ** 2 + (nodes[n, 1] - y) ** 2 + (nodes[n, 2] - z) ** 2)
-    thickest = 0.0
-    for e in range(radii.shape[0]):
-        thickest = max(thickest, radii[e])
-    return x, y, z, sqrt(square) + thickest
 
 
 @kernel

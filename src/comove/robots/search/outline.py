@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from comove.arrays import Array, Integers
-from comove.compiled import kernel
+from comove.contacts.displaced import RESTING
 from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.search.chains import Chains, chains_of
@@ -16,7 +16,7 @@ from comove.robots.search.links import (
     Links,
     LinkSurroundings,
     all_links,
-    clearance_at,
+    clearances_at,
     links_near,
     load_lines,
     pair_distances,
@@ -97,7 +97,8 @@ class Outline:
         array, shape (n_configurations,) [m]
         """
         of_arms = np.ascontiguousarray(q[:, self.columns])
-        return _clearances(self.chains, self.links, self.around, of_arms, self.nodes, (enough, blocked))
+        arms = self.chains, self.links, self.around
+        return clearances_at(*arms, RESTING, of_arms, self.nodes, enough, blocked)
 
     def near(self, q: Array, enough: float) -> tuple[frozenset[str], set[frozenset[str]]]:
         """Return the names of the bodies whose capsules are within `enough` [m] of obstacles or the load at joint
@@ -110,18 +111,3 @@ class Outline:
             frozenset(self.bodies[k] for k in np.flatnonzero(about)),
             {self.names[k] for k in np.flatnonzero(pairs)},
         )
-
-
-@kernel
-def _clearances(
-    chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, of: tuple[float, float]
-) -> Array:
-    """Compute the least distance of capsules at configurations, see `Outline.clearances`."""
-    enough, blocked = of
-    least = np.full(q.shape[0], -np.inf)
-    for k in range(q.shape[0]):
-        apart = clearance_at(chains, links, around, q[k], nodes, enough)
-        if apart <= blocked:
-            break
-        least[k] = apart
-    return least

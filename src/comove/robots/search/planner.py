@@ -16,14 +16,14 @@ from comove.arrays import Array
 from comove.compiled import copy_to, kernel
 from comove.model.blocks import place_one
 from comove.planning.clock import worked
-from comove.planning.configurations import Space, clearance_in_time, span
+from comove.planning.configurations import clearance_in_time, span
 from comove.planning.planner import continuous
-from comove.planning.timing import drift, set_time, time_for_joints
+from comove.planning.timing import drift, instant_of, time_for_joints
 from comove.planning.trees import rrt_connect, shortened
 from comove.planning.world import World, between, follow, reaches
 from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import SEARCHING, Arms, hand_rotation, posture_on
-from comove.robots.search.links import ENOUGH, ROUGH, clearance_at, links_clearance, place_links
+from comove.robots.search.links import ENOUGH, ROUGH, clearances_at, links_clearance, place_links
 from comove.robots.search.ranges import may_reach
 
 LEADING = SEARCHING._replace(tolerance=1e-3, most=12)
@@ -108,13 +108,12 @@ def plan_with_arms(
     configurations, their joints, and their normalised times if there are such
     """
     space, n, timed = world.space, len(start[0]), world.timing is not None
-    if timed:
-        arms = arms.among(space.around.obstacles.copy())
+    if world.timing is not None:
+        arms = arms.among(space.around.obstacles, world.timing.moved)
     nodes = [np.concatenate([*end, [t] * timed]) for end, t in ((start, 0.0), (goal, 1.0))]
     scratch, spare, at_ends = np.empty((space.blocks.node.shape[0], 3)), [], []
     for node in nodes:
-        set_time(world.timing, arms.around.obstacles, node)
-        spare.append(_links_at(space, arms, node, n) - arms.around.clearance)
+        spare.append(_links_at(world, arms, node, n) - arms.around.clearance)
         at_ends.append(clearance_in_time(space, world.timing, node, scratch, 0.0))
     kept = min(margin - lenient, 0.5 * min(spare) if min(spare) > 0.0 else min(spare) - ROUGH)
     arms = arms._replace(around=arms.around._replace(clearance=arms.around.clearance + kept))
@@ -127,11 +126,12 @@ def plan_with_arms(
     return continuous(space, q), np.ascontiguousarray(joints), time
 
 
-def _links_at(space: Space, arms: Arms, node: Array, n: int) -> float:
+def _links_at(world: World, arms: Arms, node: Array, n: int) -> float:
     """Compute the clearance of the links at a node, whose first n values are a configuration [m]."""
-    nodes, n_joints = np.empty((space.blocks.node.shape[0], 3)), len(arms.chains.lower)
-    place_one(space.blocks, node, 1.0, nodes)
-    return clearance_at(arms.chains, arms.links, arms.around, node[n : n + n_joints], nodes, ENOUGH)
+    nodes, q = np.empty((world.space.blocks.node.shape[0], 3)), node[None, n : n + len(arms.chains.lower)]
+    place_one(world.space.blocks, node, 1.0, nodes)
+    instant = instant_of(world.timing, node)
+    return float(clearances_at(arms.chains, arms.links, arms.around, instant, q.copy(), nodes, ENOUGH)[0])
 
 
 @kernel
@@ -236,9 +236,8 @@ def follow_edge(carrying: CarryingArms, world: World, p: Array, target: Array) -
             if abs(joints[j] - before[j]) > min(how.jump, how.settling + seconds * chains.velocity[j]):
                 return False
         place_links(chains, links, joints, start, end)
-        set_time(world.timing, around.obstacles, at)
-        need = around.clearance
-        if links_clearance(links, around, start, end, nodes, need + 0.01) < need:
+        need, instant = around.clearance, instant_of(world.timing, at)
+        if links_clearance(links, around, instant, start, end, nodes, need + 0.01) < need:
             return False
     return True
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.compiled import copy_to, kernel
+from comove.contacts.displaced import Instant, instant_at
 from comove.model.blocks import Blocks, place_one
 from comove.robots.search.chains import Chains, jacobian, place_arm, reach_pose, solve_damped
 from comove.robots.search.following import MET, SEARCHING, Arms, follow_one, hand_rotation
@@ -19,7 +20,6 @@ from comove.robots.search.links import (
     clearance_around,
     clearance_between,
     place_links,
-    set_share,
 )
 
 EXACT = SEARCHING._replace(tolerance=1e-8)
@@ -81,7 +81,6 @@ class ArmsFollower:
         ----------
         nodes : array, shape (n_steps, n_nodes, 3), hands and nodes of the load [m]
         """
-        arms = arms.apart()
         _, spare = spare_along(arms, np.ascontiguousarray(nodes), course, settings.lever)
         return cls(arms, course, spare[[0, -1]].min(axis=0) - ROUGH, settings)
 
@@ -117,8 +116,8 @@ def spare_along(arms: Arms, nodes: Array, course: Array, lever: float) -> tuple[
     for t in range(n_steps):
         for i in range(n_arms):
             spare[t, i] = _reach(arms.chains, i, q[t], left[t, i], lever)
-        set_share(arms.around, t / (n_steps - 1))
-        _clearances(arms, nodes[t], q[t], start, end, spare[t])
+        instant = instant_at(arms.around.moved, t / (n_steps - 1))
+        _clearances(arms, instant, nodes[t], q[t], start, end, spare[t])
     return q, spare
 
 
@@ -157,10 +156,12 @@ def _within_reach(chains: Chains, arm: int, q: Array, lever: float) -> float:
 
 
 @kernel
-def _clearances(arms: Arms, nodes: Array, q: Array, start: Array, end: Array, out: Array) -> None:
+def _clearances(
+    arms: Arms, instant: Instant, nodes: Array, q: Array, start: Array, end: Array, out: Array
+) -> None:
     """Write the clearances of the links at joints q, the last two distances."""
     place_links(arms.chains, arms.links, q, start, end)
-    out[-2] = clearance_around(arms.links, arms.around, start, end, nodes, ENOUGH)
+    out[-2] = clearance_around(arms.links, arms.around, instant, start, end, nodes, ENOUGH)
     out[-1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
 
 
@@ -195,7 +196,7 @@ def slopes_along(
     for t in range(n_steps):
         counts = spare[t] < near
         links_count = counts[n_arms] or counts[n_arms + 1]
-        set_share(arms.around, t / (n_steps - 1))
+        instant = instant_at(arms.around.moved, t / (n_steps - 1))
         for c in range(-1, n_columns if counts.any() else -1):
             copy_to(at[t], moved)
             copy_to(joints[t], q)
@@ -209,7 +210,7 @@ def slopes_along(
                     if counts[i]:
                         value[int(c >= 0), i] = _reach(chains, i, q, left, how.lever)
             if links_count:
-                _clearances(arms, nodes, q, start, end, value[int(c >= 0)])
+                _clearances(arms, instant, nodes, q, start, end, value[int(c >= 0)])
             for k in range(n_kinds):
                 if c >= 0 and counts[k] and value[0, k] < near[k]:
                     slopes[t, k, c] = (value[1, k] - value[0, k]) / how.move
