@@ -10,6 +10,7 @@ import sys
 import threading
 import warnings
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from numba import config
 from numba.core import caching
 from numba.core.errors import TypingError
 
-from comove.compiled import cache, kernels
+from comove.compiled import cache, kernels, libraries
 from comove.compiled.cache import fingerprint
 from comove.errors import ComoveWarning
 
@@ -183,7 +184,7 @@ def test_a_full_disk_keeps_nothing_and_hinders_nothing(kernel, monkeypatch):
 @pytest.mark.parametrize("large", [0, 10**9], ids=["called where it lies", "part of its callers"])
 def test_a_kernel_computes_the_same_however_it_is_called(calling, monkeypatch, large):
     """By Python, by another kernel, as an argument; compiled, and found on disk."""
-    monkeypatch.setattr(kernels, "LARGE", large)
+    monkeypatch.setattr(libraries, "LARGE", large)
     values = np.array([1.0, 2.0])
     for found in (0, 1):
         module = calling()
@@ -207,7 +208,7 @@ def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
         "from comove.compiled import kernel\n\nimport calling_for_tests\n\n"
         "@kernel\ndef more(x):\n    return calling_for_tests.inner(x, x) + 1.0\n"
     )
-    code = "from comove.compiled import kernels\nkernels.LARGE = 0\nfrom caller import more\nprint(more(3.0))"
+    code = "from comove.compiled import libraries\nlibraries.LARGE = 0\nfrom caller import more\nprint(more(3.0))"
 
     def run(inner):
         (tmp_path / "calling_for_tests.py").write_text(CALLER.replace("x * values", inner))
@@ -229,8 +230,8 @@ def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
         "@kernel\ndef highest(x):\n    return upper(x) - 3.0\n"
     )
     code = (
-        "import sys\nfrom comove.compiled import kernels\n"
-        "kernels._is_large = lambda compiled: 'lowest' in compiled.fndesc.qualname\n"
+        "import sys\nfrom comove.compiled.libraries import KernelLibrary\n"
+        "KernelLibrary._is_called = lambda library: 'lowest' in library.name\n"
         "import chain\nprint(getattr(chain, sys.argv[1])(3.0))"
     )
     for _ in range(2):
@@ -240,7 +241,7 @@ def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
 
 def test_a_large_kernel_is_called_by_its_symbol_and_a_small_one_is_not_called_at_all(calling, monkeypatch):
     def called(large):
-        monkeypatch.setattr(kernels, "LARGE", large)
+        monkeypatch.setattr(libraries, "LARGE", large)
         module = calling(CALLER.replace("below zero", f"below zero {large}"))
         module.outer(2.0)
         (compiled,) = module.outer.callee.overloads.values()
@@ -275,6 +276,62 @@ def test_kernels_that_count_no_references_leave_them_as_they_were_and_allocate_n
 
     with pytest.raises(TypingError):
         made(3)
+
+
+class Inner(NamedTuple):
+    values: np.ndarray
+    pair: tuple[np.ndarray, float]
+
+
+class Outer(NamedTuple):
+    rows: np.ndarray
+    inner: Inner
+    nothing: None
+    flags: tuple[int, int]
+    turned: complex
+
+
+@kernels.kernel
+def _with_all_parts(outer, k, out):
+    rows, (values, pair), nothing, flags, turned = outer
+    for i in range(out.shape[0]):  # which every part is needed for
+        out[i] = rows[-1, i] + outer.inner.values[i] * pair[1] + flags[k] + turned.imag
+        outer.inner.pair[0][i] = values[i] if nothing is None and flags[0] == 1 else 0.0
+    return pair[0].copy()
+
+
+def test_named_tuples_of_arrays_are_given_by_their_address():
+    """Whatever their arrays look like, results are those of Python, and references stay as they were."""
+    table = np.arange(24.0).reshape(4, 6)
+    for rows in (table, table[:, ::2], np.asfortranarray(table), table[::-1]):
+        outers = [
+            Outer(rows, Inner(table[2].copy(), (np.zeros(6), 0.5)), None, (1, 7), 2 + 3j) for _ in range(2)
+        ]
+        outs = np.empty((2, rows.shape[1]))
+        before = [sys.getrefcount(part) for part in (rows, outers[0].inner.values, outers[0].inner.pair[0])]
+        kept = [
+            function(outer, 1, out)
+            for function, outer, out in zip(
+                (_with_all_parts, _with_all_parts.py_func), outers, outs, strict=True
+            )
+        ]
+        assert outs[0].tolist() == outs[1].tolist() and kept[0].tolist() == kept[1].tolist()
+        after = [sys.getrefcount(part) for part in (rows, outers[0].inner.values, outers[0].inner.pair[0])]
+        assert after == before
+    signature = next(iter(_with_all_parts.callee.overloads))
+    assert all(word not in str(signature[0]) for word in ("Array", "float64"))
+
+
+def test_a_number_that_is_written_is_no_type_of_its_own():
+    @kernels.kernel
+    def next_to(k):
+        return k + 1
+
+    @kernels.kernel
+    def both(k):
+        return next_to(k) + next_to(2) + next_to(-1)
+
+    assert both(4) == 8 and len(next_to.callee.overloads) == 1
 
 
 def test_a_kernel_defined_in_a_function_is_compiled_as_well():
@@ -391,8 +448,9 @@ def test_warnings_are_not_needed_for_what_works(kernel):
 PARTS = {
     "values_for_tests": "FACTOR = 3.0\nTABLE = (1.0, 2.0)\n",
     "inner_for_tests": "from comove.compiled import kernel\n\n@kernel\ndef inner(x):\n    return x + 1.0\n",
-    "world_for_tests": "from collections import namedtuple\n\nfrom comove.planning.trees import answers, length\n\n"
-    "World = namedtuple('World', ['size'])\n\n@answers(length, World)\ndef size(world, p, q):\n"
+    "world_for_tests": "from collections import namedtuple\n\nfrom comove.compiled import kernel\n"
+    "from comove.planning.trees import length\n\nWorld = namedtuple('World', ['size'])\n\n"
+    "@length.answered_for(World)\n@kernel\ndef size(world, p, q):\n"
     "    return world.size + p\n",
     "outer_for_tests": "from comove.compiled import kernel\nfrom comove.planning.trees import length\n"
     "from inner_for_tests import inner\nfrom values_for_tests import FACTOR, TABLE\n"

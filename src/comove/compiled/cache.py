@@ -39,6 +39,7 @@ from numba.core.compiler import compile_result
 from numba.core.environment import Environment
 from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]  # of C
 
+from comove.compiled.libraries import Placed
 from comove.errors import ComoveWarning
 
 fcntl: ModuleType | None
@@ -51,12 +52,6 @@ LOADING = "comove:load"  # a kind of events
 ADDRESS = re.compile(r"0x[0-9a-f]+")
 # known to numba's cache by its own version
 LIBRARIES = frozenset({"builtins", "llvmlite", "math", "numba", "numpy", "scipy"})
-_answers: dict[Callable, dict[type, Callable]] = {}
-
-
-def answered(question: Callable, kind: type, answer: Callable) -> None:
-    """Note which function is compiled in place of a question about values of one kind (see `planning.trees`)."""
-    _answers.setdefault(question, {})[kind] = answer
 
 
 def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
@@ -70,10 +65,11 @@ def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
     kinds, reached, pending = _kinds(argument_types), dict[Callable, bytes](), [function]
     while pending:
         one = pending.pop()
-        if one not in reached:
+        if hasattr(one, "answers"):  # a `Question`
+            pending += [one.answers[kind].py_func for kind in kinds if kind in one.answers]
+        elif one not in reached:
             reached[one], called = _own(one)
-            answers = _answers.get(one, {})
-            pending += [*called, *(answers[kind] for kind in kinds if kind in answers)]
+            pending += called
     return hashlib.sha256(b"".join(reached.values())).hexdigest()
 
 
@@ -131,7 +127,7 @@ def _describe(value: Any, names: tuple[str, ...], words: list[str], called: list
     if hasattr(value, "py_func"):  # of a kernel, or of numba's own
         words.append(repr(sorted(value.targetoptions.items())))
         called.append(value.py_func)
-    elif isinstance(value, FunctionType) and not _is_library(value.__module__):
+    elif hasattr(value, "answers") or (isinstance(value, FunctionType) and not _is_library(value.__module__)):
         called.append(value)
     elif isinstance(value, ModuleType):
         words.append(value.__name__)
@@ -154,12 +150,15 @@ def _is_library(module: str) -> bool:
     return module.partition(".")[0] in LIBRARIES
 
 
-_MAKERS = [pkgutil.get_data("comove.compiled", name) or b"" for name in ("kernels.py", "cache.py")]
+_MAKERS = [
+    pkgutil.get_data("comove.compiled", name) or b""
+    for name in ("kernels.py", "cache.py", "libraries.py", "shared.py", "lowering.py")
+]
 _MADE_BY = hashlib.sha256(b"".join(_MAKERS)).hexdigest()[:16]  # what another comove compiled may not fit
 _told = False
 
 
-class _Found(JITCodeLibrary):
+class _Found(Placed, JITCodeLibrary):
     """The library of a compiled function on disk: its machine code is loaded, its LLVM code only for its callers.
 
     numba parses the LLVM code of every function that it loads, to list its symbols, which takes most of the time.
@@ -176,12 +175,15 @@ class _Found(JITCodeLibrary):
         CodeLibrary.__init__(self, codegen, name)  # without an empty module, which is slow to make
         self._llvm_code, self._symbols, self._shared_module = llvm_code, symbols, None
         self._finalized = self._disable_inspection = True
-        codegen._engine._ee.add_object_file(llvm.ObjectFileRef.from_data(machine_code))
-        codegen._engine.finalize_object()
+        self.has_code = bool(machine_code)
+        if machine_code:
+            codegen._engine._ee.add_object_file(llvm.ObjectFileRef.from_data(machine_code))
+            codegen._engine.finalize_object()
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return where a function begins; 0 if it is not in the library."""
-        return self._codegen._engine.get_function_address(name) if name in self._symbols else 0
+        is_there = self.has_code and name in self._symbols
+        return self._codegen._engine.get_function_address(name) if is_there else 0
 
     def _get_module_for_linking(self) -> Any:
         if self._shared_module is None:
@@ -194,6 +196,13 @@ def _offer_runtime() -> None:
     """Let compiled functions find what allocates and frees their arrays, as numba does before it compiles any."""
     for name, address in _nrt_python.c_helpers.items():
         llvm.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@cache
+def _load_extensions(target_context: Any) -> None:
+    """Load all that numba knows of types and functions, and how it compiles named tuples by their address."""
+    import_module("comove.compiled.lowering")
+    target_context.refresh()
 
 
 class _Reader(pickle.Unpickler):
@@ -247,7 +256,7 @@ class _Stored(CompileResultCacheImpl):
             reload_init=reload,
             referenced_envs=others,
         )
-        for one in others:
+        for one in others if library.has_code else ():
             if _given.get(one.env_name) is not one:
                 _given[one.env_name] = one
                 library.codegen.set_env(one.env_name, one)
@@ -292,7 +301,7 @@ class KernelCache(FunctionCache):
         if found is None and self._begin_turn(sig, target_context):
             found = self._found(sig, target_context)
         if found is None:
-            target_context.refresh()
+            _load_extensions(target_context)
         return found
 
     def _found(self, sig: Any, target_context: Any) -> Any:

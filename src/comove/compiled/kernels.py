@@ -14,23 +14,30 @@ import copy
 import gc
 import hashlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
+from types import CodeType
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import config, event, sigutils
+from numba.core import config, event, sigutils, types
+from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager
 from numba.core.environment import Environment
 from numba.core.itanium_mangler import mangle
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
+from numba.core.typed_passes import AnnotateTypes, InlineOverloads
+from numba.core.untyped_passes import InlineClosureLikes
 
 from comove.compiled.cache import LOADING, KernelCache, text_of
+from comove.compiled.libraries import EntryLibrary, kernel_libraries
+from comove.compiled.shared import shared
 
-LARGE = 1000  # lines of LLVM, of kernels that are called where they lie
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
 
 
@@ -57,16 +64,80 @@ def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any
     return Kernel(function, targetoptions={**options, **fixed})
 
 
-class Kernel(CPUDispatcher):
-    """A compiled function: `callee`, which other kernels call, and an entry to it for Python."""
+class _Flags(Flags):
+    """Flags of kernels, those that are not as by default, which numba compares for every function that is called."""
+
+    __slots__ = ()
+
+    def __init__(self, flags: Any):
+        super().__init__(flags)
+        for name in [name for name, value in self._values.items() if value == flags.options[name].default]:
+            self.discard(name)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
+
+    def __eq__(self, other: object) -> bool:
+        return self._values == other._values if isinstance(other, _Flags) else super().__eq__(other)
+
+
+class _Pipeline(CompilerBase):
+    """numba's steps of compilation, without those that look for what kernels do not have."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Return the steps."""
+        manager, code = PassManager("kernel"), self.state.func_id.code
+        has_inner = any(isinstance(one, CodeType) for one in code.co_consts)
+        unneeded = [AnnotateTypes, InlineOverloads, *([] if has_inner else [InlineClosureLikes])]
+        whole = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        manager.passes = [step for step in whole.passes if step[0] not in unneeded]
+        manager.finalize()
+        return [manager]
+
+
+class _Compiled(CPUDispatcher):
+    """A dispatcher of numba that neither times compilers within each other nor compares flags one by one."""
 
     _compiler: Any  # numba's, without types
+    _cache: KernelCache
+    _cache_hits: Any
+    _cache_misses: Any
+    _types_active_call: Any
+    overloads: Any
     targetctx: Any
+
+    def __init__(self, function: Callable, targetoptions: dict[str, Any]):
+        super().__init__(function, targetoptions=targetoptions, pipeline_class=_Pipeline)
+        self._compiler._customize_flags = _Flags
+
+    def compile(self, sig: Any) -> Any:
+        """Return the function for types of arguments, compiled now or before."""
+        with global_compiler_lock, self._cache.turns(), self._compiling_counter:
+            args, return_type = sigutils.normalize_signature(sig)
+            if args in self.overloads:
+                return self.overloads[args].entry_point
+            compiled = self._cache.load_overload(sig, self.targetctx)
+            if compiled is not None:
+                self._cache_hits[sig] += 1
+                self.targetctx.insert_user_function(compiled.entry_point, compiled.fndesc, [compiled.library])
+                self.add_overload(compiled)
+                return compiled.entry_point
+            self._cache_misses[sig] += 1
+            details = {"dispatcher": self, "args": args, "return_type": return_type}
+            with event.trigger_event("numba:compile", data=details):
+                compiled = self._compiler.compile(args, return_type)
+                self.add_overload(compiled)
+            self._cache.save_overload(sig, compiled)
+            return compiled.entry_point
+
+
+class Kernel(_Compiled):
+    """A compiled function: `callee`, which other kernels call, and an entry to it for Python."""
 
     _kept: KernelCache | None
 
-    def __init__(self, *args: Any, **options: Any):
-        super().__init__(*args, **options)
+    def __init__(self, function: Callable, targetoptions: dict[str, Any]):
+        super().__init__(function, targetoptions)
         self._compiler.compile = self._entry
 
     def __repr__(self) -> str:
@@ -88,6 +159,12 @@ class Kernel(CPUDispatcher):
     def _compilation_chain_init_hook(self) -> None:
         """Load no extensions of numba before one must compile; that is when `KernelCache` finds nothing."""
 
+    def typeof_pyval(self, val: Any) -> Any:
+        """Return numba's type of an argument; large tuples are given by their address."""
+        found = shared(super().typeof_pyval(val))
+        self._types_active_call.add(found)
+        return found
+
     def _compile_for_args(self, *args: Any, **more: Any) -> Any:
         """Return the function for arguments, of which numba's types take long to find where many are nested."""
         with event.trigger_event(LOADING):
@@ -95,7 +172,7 @@ class Kernel(CPUDispatcher):
 
     def compile(self, sig: Any) -> Any:
         """Return the function for types of arguments, compiled now or before."""
-        with _uncollected(), self._cache.turns():
+        with _uncollected():
             return super().compile(sig)
 
     @property
@@ -117,20 +194,31 @@ class Kernel(CPUDispatcher):
         return made
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return numba's template of a call from another kernel."""
-        return self.callee.get_call_template(args, kws)
+        """Return numba's template of a call from another kernel, the same for numbers that are written in it."""
+        return self.callee.get_call_template(
+            tuple(map(_widened, args)), {name: _widened(one) for name, one in kws.items()}
+        )
 
     def get_overload(self, sig: Any) -> Any:
         """Return the key under which numba finds how to call the function from another kernel."""
         args, _ = sigutils.normalize_signature(sig)
-        compiled = self.callee.overloads[tuple(args)]
-        if not _is_large(compiled):
+        if args not in self._keys:
+            self._keys[args] = self._key(args)
+        return self._keys[args]
+
+    def _key(self, args: tuple) -> Any:
+        compiled = self.callee.overloads[args]
+        if not compiled.library.has_code:
             _code_of(compiled).add_function_attribute("alwaysinline")
         elif self._is_named:
             function, reload = self.offered(args)
             self.targetctx.insert_user_function(reload.symbol, function, [Elsewhere(reload)])
             return reload.symbol
         return compiled.entry_point
+
+    @cached_property
+    def _keys(self) -> dict[tuple, Any]:
+        return {}
 
     def offered(self, args: tuple) -> tuple[Any, Reload]:
         """Compile or load the callee and let code find it by a symbol that is the same in every process.
@@ -155,34 +243,80 @@ class Kernel(CPUDispatcher):
         """Compile the entry for Python, as numba's compiler of the function would together with its code."""
         if not self._is_named:
             return type(self._compiler).compile(self._compiler, args, return_type)
-        function, reload = self.offered(args)
+        self.callee.compile(args)
+        compiled = self.callee.overloads[args]
+        function, code, reload = compiled.fndesc, compiled.library, []
+        if code.has_code:
+            function, found = self.offered(args)
+            code, reload = Elsewhere(found), [found]
+        else:
+            _code_of(compiled).add_function_attribute("alwaysinline")
         environment = Environment.from_fndesc(function)
         context = self.targetctx.subtarget(enable_nrt=True)  # arrays go to Python with their memory
-        library = context.codegen().create_library(function.qualname)
+        library = EntryLibrary(context.codegen(), function.qualname)
         library.enable_object_caching()
-        library.add_linking_library(Elsewhere(reload))
+        library.add_linking_library(code)
         library.add_linking_library(rtsys.library)  # which counts references to arrays
         context.create_cpython_wrapper(
             library, function, environment, None, release_gil=self.targetoptions.get("nogil", False)
         )
-        return self.callee.overloads[args]._replace(
+        return compiled._replace(
             library=library,
             fndesc=function,
             environment=environment,
             entry_point=context.get_executable(library, function, environment),
-            reload_init=[reload],
+            reload_init=reload or list(library._reload_init),
             metadata={},
         )
 
 
-class _Callee(CPUDispatcher):
-    """A kernel without an entry for Python, as other kernels call it."""
+class Question:
+    """A function of which a kernel takes the place, by the class of the named tuple that is its first argument.
 
-    _cache: KernelCache
+    Uncompiled, it is the function.
+    """
+
+    is_compiling = False  # asked by numba, for recursion
+
+    def __init__(self, function: Callable):
+        self.function, self.answers = function, dict[type, Kernel]()
+        self._numba_type_ = types.Dispatcher(self)  # type: ignore[type-var]  # which asks the methods below
+
+    def __call__(self, *args: Any) -> Any:
+        return self.function(*args)
+
+    def answered_for(self, kind: type) -> Callable[[Kernel], Kernel]:
+        """Return a decorator of the kernel that takes the place of the function for named tuples of a class."""
+
+        def answer(kernel: Kernel) -> Kernel:
+            self.answers[kind] = kernel
+            return kernel
+
+        return answer
+
+    @property
+    def nopython_signatures(self) -> list:
+        """Return what the kernels are compiled for, for messages of numba."""
+        return [signature for kernel in self.answers.values() for signature in kernel.nopython_signatures]
+
+    def get_call_template(self, args: tuple, kws: dict) -> Any:
+        """Return numba's template of a call from a kernel."""
+        return self._of(args).get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return the key under which numba finds how to call the function from a kernel."""
+        return self._of(sigutils.normalize_signature(sig)[0]).get_overload(sig)
+
+    def _of(self, args: tuple) -> Kernel:
+        return self.answers[args[0].instance_class]
+
+
+class _Callee(_Compiled):
+    """A kernel without an entry for Python, as other kernels call it."""
 
     def compile(self, sig: Any) -> Any:
         """Return the function for types of arguments, compiled now or before."""
-        with self._cache.turns():
+        with global_compiler_lock, kernel_libraries(self.targetctx.codegen()):
             return super().compile(sig)
 
 
@@ -196,6 +330,10 @@ def _uncollected() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
+
+
+def _widened(one: Any) -> Any:
+    return types.unliteral(one) if isinstance(one, types.IntegerLiteral | types.BooleanLiteral) else one
 
 
 def _named(module: str, name: str) -> Kernel:
@@ -242,11 +380,6 @@ class Elsewhere:
 
     def _get_module_for_linking(self) -> Any:
         return self._nothing
-
-
-def _is_large(compiled: Any) -> bool:
-    """Return whether a compiled function has more code than its callers should take up."""
-    return str(_code_of(compiled)).count("\n") > LARGE
 
 
 def _code_of(compiled: Any) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.geometry.surfaces import holds
 
 INWARD = 1e-6  # of a box, by which its corners are moved into it before they are asked for
@@ -237,10 +237,11 @@ def half(polygon, plane, tolerance, side, out):
         here = side * (plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
         there = side * (plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] - plane[3])
         if here >= 0.0:
-            out[count] = p
+            copy_to(p, out[count])
             count += 1
         if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
             share = here / (here - there)
-            out[count] = p + share * (q - p)
+            for axis in range(3):
+                out[count, axis] = p[axis] + share * (q[axis] - p[axis])
             count += 1
     return count

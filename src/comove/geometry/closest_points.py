@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.geometry.distances import (
     KIND,
     POLYTOPE,
@@ -66,7 +66,7 @@ def near_on_solid(table, j, solid, cutoff, near):
         distance = near_on_part(table, j, solid, part, least, point)
         if distance < least:
             least = distance
-            near[:] = point
+            copy_to(point, near)
     return least
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.geometry.cells import half, pieces
 from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
 from comove.geometry.surfaces import Parts, Surfaces, point_distances, surface_of
@@ -518,7 +518,8 @@ def _left_out(triangles, planes, first, tolerance):
     sizes, after = np.empty(256, dtype=np.int64), np.empty(256, dtype=np.int64)
     inner, outer = np.empty((MOST_CORNERS, 3)), np.empty((MOST_CORNERS, 3))
     for triangle in triangles:
-        stack[0, :3], sizes[0], after[0] = triangle, 3, 0
+        sizes[0], after[0] = 3, 0
+        _copy_rows(triangle, 3, stack[0])
         top = 1
         while top > 0:
             top -= 1
@@ -538,7 +539,8 @@ def _left_out(triangles, planes, first, tolerance):
                         stack = np.concatenate((stack, np.empty_like(stack)))
                         sizes = np.concatenate((sizes, np.empty_like(sizes)))
                         after = np.concatenate((after, np.empty_like(after)))
-                    stack[top], sizes[top], after[top] = outer, n_outer, polytope + 1
+                    sizes[top], after[top] = n_outer, polytope + 1
+                    _copy_rows(outer, n_outer, stack[top])
                     top += 1
                     n = half(polygon, planes[k], tolerance, -1.0, inner)
                     polygon = inner[:n].copy()
@@ -549,9 +551,16 @@ def _left_out(triangles, planes, first, tolerance):
                 if n_found == found.shape[0]:
                     found = np.concatenate((found, np.empty_like(found)))
                     counts = np.concatenate((counts, np.empty_like(counts)))
-                found[n_found, :n], counts[n_found] = polygon, n
+                counts[n_found] = n
+                _copy_rows(polygon, n, found[n_found])
                 n_found += 1
     return found[:n_found], counts[:n_found]
+
+
+@kernel
+def _copy_rows(source, n, target):
+    for i in range(n):
+        copy_to(source[i], target[i])
 
 
 @kernel

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array, Integers
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.geometry.distances import has_last_before, nearest_of_simplex
 
 LEAF = 4  # triangles
@@ -251,7 +251,7 @@ def signed_distance(surfaces, mesh, points, cutoff):
     corner = np.empty((1, 3))
     for i in range(points.shape[0] if distance == 0.0 else 1):
         if holds(surfaces, mesh, points[i, 0], points[i, 1], points[i, 2]):
-            corner[0] = points[i]
+            copy_to(points[i], corner[0])
             distance = min(distance, -surface_distance(surfaces, mesh, corner, np.inf))
     return distance
 
@@ -264,7 +264,7 @@ def point_distances(surfaces, mesh, points, cutoff, depths):
     """
     found, point = np.zeros(points.shape[0]), np.empty((1, 3))
     for i in range(points.shape[0]):
-        point[0] = points[i]
+        copy_to(points[i], point[0])
         inside = surfaces.closed[mesh] and holds(surfaces, mesh, points[i, 0], points[i, 1], points[i, 2])
         if depths or not inside:
             distance = surface_distance(surfaces, mesh, point, cutoff)
@@ -476,12 +476,13 @@ def nearest(triangle, points, normal, scratch):
             for i in range(1, points.shape[0]):
                 if np.dot(normal, points[i]) > np.dot(normal, points[deepest]):
                     deepest = i
-            near[0] = points[deepest]
+            copy_to(points[deepest], near[0])
             return wide, 0.0
         x, y, z = x / length, y / length, z / length
-    near[0] *= shares[0]
-    for i in range(1, n):
-        near[0] += shares[i] * near[i]
+    for axis in range(3):
+        near[0, axis] *= shares[0]
+        for i in range(1, n):
+            near[0, axis] += shares[i] * near[i, axis]
     return wide, sqrt(square)
 
 
@@ -506,5 +507,5 @@ def _deepest(triangle, points, wide, normal):
         gap = triangle_gap(triangle, points, across)
         if gap > wide:
             wide = gap
-            normal[:] = across
+            copy_to(across, normal)
     return min(wide, 0.0)

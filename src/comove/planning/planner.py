@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.geometry.distances import CENTER, REACH, ROTATION, point_distance
 from comove.model.blocks import keep_mask
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
@@ -29,7 +29,7 @@ from comove.planning.configurations import (
     random_turn,
     span,
 )
-from comove.planning.trees import copy_to, rrt_connect, shortened
+from comove.planning.trees import rrt_connect, shortened
 from comove.planning.world import World
 
 

@@ -2,76 +2,55 @@
 
 A *world* answers six questions about *nodes*: configurations of a payload with the joints of arms that carry it and
 with times, where there are such (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The
-former is a named tuple, whose answers are compiled functions registered by `answers`; the latter is a Python object
+former is a named tuple, whose answers are kernels; the latter is a Python object
 with methods of these names, for which the searches run uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numba.extending import overload
 
-from comove.compiled import kernel
-from comove.compiled.cache import answered
+from comove.compiled import Question, copy_to, kernel
 from comove.planning.clock import worked
 
 BLOCKED, FREE, ARRIVED = 0, 1, 2
 WHOLE = np.inf  # steps of an extension that goes all the way
 
 
+@Question
 def draw(world, trees, counts, this, rng, out):
     """Write a random node for tree `this`; return whether it can be of use."""
     return world.draw(trees, counts, this, rng, out)
 
 
+@Question
 def nearest(world, tree, count, q):
     """Return the number of the node from which q is reached most easily; -1 if there is none."""
     return world.nearest(tree, count, q)
 
 
+@Question
 def extend(world, p, q, steps, margin, out):
     """Write the node at most so many steps from p towards q; return whether the edge is blocked, free or arrives."""
     return world.extend(p, q, steps, margin, out)
 
 
+@Question
 def between(world, p, q, share, out):
     """Write the node at a share of the edge from p to q; return whether it exists."""
     return world.between(p, q, share, out)
 
 
+@Question
 def length(world, p, q):
     """Return the length of an edge, by which random points on a path are drawn."""
     return world.length(p, q)
 
 
+@Question
 def shortens(world, p, q, way):
     """Return whether a straight edge from p to q is better than a way of this length between them."""
     return world.shortens(p, q, way)
-
-
-def answers(question: Callable, kind: type) -> Callable[[Callable], Callable]:
-    """Return a decorator that makes a compiled function the answer to a question about worlds of one kind."""
-
-    def register(kernel: Callable) -> Callable:
-        answer = getattr(kernel, "py_func", kernel)  # compiled for itself, it would be compiled twice
-        answered(question, kind, answer)
-
-        @overload(question, jit_options={"error_model": "numpy"}, strict=False)
-        def choose(world, *args):
-            return answer if getattr(world, "instance_class", None) is kind else None
-
-        return kernel
-
-    return register
-
-
-@kernel
-def copy_to(source, target):
-    """Copy a vector; array assignment would take seconds to compile."""
-    for c in range(source.shape[0]):
-        target[c] = source[c]
 
 
 @kernel

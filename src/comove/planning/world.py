@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.compiled import kernel
+from comove.compiled import Question, copy_to, kernel
 from comove.planning import trees
 from comove.planning.configurations import (
     Space,
@@ -29,7 +29,6 @@ from comove.planning.configurations import (
     span,
 )
 from comove.planning.timing import Timing, share_of_step, write_time
-from comove.planning.trees import copy_to
 
 SHORTER = 1e-6  # m, that a straight edge saves of a way, to be worth taking
 
@@ -63,11 +62,13 @@ class World(NamedTuple):
         return self._replace(timing=self.timing._replace(speed=speed, share=share))
 
 
+@Question
 def follow(arms, world, p, out):
     """Write the joints at the end of an edge in `out`, followed from those of p; return whether arms can follow."""
     return arms.follow(world, p, out)
 
 
+@Question
 def reaches(arms, world, node):
     """Return whether arms may reach a node, and write that its joints are not known."""
     return arms.reaches(world, node)
@@ -80,7 +81,7 @@ def between(world, p, q, share, out):
     write_time(world.timing, p, q, share, out)
 
 
-@trees.answers(trees.extend, World)
+@trees.extend.answered_for(World)
 @kernel
 def _extend(world, p, q, steps, margin, out):
     space, scratch = world.space, np.empty(p.shape[0])
@@ -115,7 +116,7 @@ def _same_joints(arms, p, q):
     return True
 
 
-@trees.answers(trees.nearest, World)
+@trees.nearest.answered_for(World)
 @kernel
 def _nearest(world, tree, count, q):
     return _nearest_in_time(world.timing, world.space, tree, count, q)
@@ -137,7 +138,7 @@ def _nearest_in_time(timing, space, tree, count, q):
     return best
 
 
-@trees.answers(trees.draw, World)
+@trees.draw.answered_for(World)
 @kernel
 def _draw(world, nodes, counts, this, rng, out):
     if not _drawn_in_time(world.timing, world.space, nodes, counts, this, rng, out):
@@ -170,14 +171,14 @@ def _reached(arms, world, node):
     return reaches(arms, world, node)
 
 
-@trees.answers(trees.between, World)
+@trees.between.answered_for(World)
 @kernel
 def _between(world, p, q, share, out):
     between(world, p, q, share, out)
     return _followed(world.arms, world, p, out)
 
 
-@trees.answers(trees.length, World)
+@trees.length.answered_for(World)
 @kernel
 def _length(world, p, q):
     return _length_in_time(world.timing, world.space, p, q)
@@ -190,7 +191,7 @@ def _length_in_time(timing, space, p, q):
     return abs(q[-1] - p[-1])
 
 
-@trees.answers(trees.shortens, World)
+@trees.shortens.answered_for(World)
 @kernel
 def _shortens(world, p, q, way):
     return _shortens_in_time(world.timing, world.space, p, q, way - _worth(world.arms))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array, Integers
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.geometry.distances import point_distance, points_apart
 from comove.geometry.solids import empty_solid, gap, solid_at, solid_distance
 from comove.geometry.surfaces import (
@@ -139,7 +139,10 @@ def certified_edges(
         for e in range(edges.shape[0]):
             m, n = edges[e, 0], edges[e, 1]
             swell = max(deviation[k, m], deviation[k, n]) + need.rounding
-            begin[0], begin[1], end[0], end[1] = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
+            copy_to(nodes[k, m], begin[0])
+            copy_to(nodes[k, n], begin[1])
+            copy_to(nodes[k + 1, m], end[0])
+            copy_to(nodes[k + 1, n], end[1])
             length = max(points_apart(begin[0], begin[1]), points_apart(end[0], end[1]))
             move = max(points_apart(begin[0], end[0]), points_apart(begin[1], end[1]))
             for j in range(obstacles.shape[0]):
@@ -352,7 +355,7 @@ def _while_moving(
             cells += 1
             t = 0.5 * (t0 + t1)
             _between(begin, end, t, part)
-            other[:] = normal
+            copy_to(normal, other)
             if j < 0:
                 at_middle, distance = nearest(triangle, part, other, simplex)
                 if not distance > 0.0:
@@ -363,7 +366,7 @@ def _while_moving(
             anew = _gap_throughout(obstacles, j, triangle, sweep, t0, t1, part, other)
             if anew > clear:
                 clear = anew
-                normal[:] = other
+                copy_to(other, normal)
             # Where they touch, or no direction does better at mid-time, halving gains nothing.
             gains = at_middle > 0.0 and clear < min(found.met, at_middle - radius) - _slack(found.met, need)
             if gains and top + 2 <= STACK and cells <= need.most_halves:
@@ -493,7 +496,7 @@ def _span_box(begin: Array, end: Array, out: Array) -> None:
 def _hull_at(nodes: Array, hull: Integers, out: Array) -> None:
     """Write in `out` the nodes of a hull."""
     for i in range(hull.shape[0]):
-        out[i] = nodes[hull[i]]
+        copy_to(nodes[hull[i]], out[i])
 
 
 @kernel

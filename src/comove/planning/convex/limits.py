@@ -73,7 +73,7 @@ class Limits:
         """
         finite = [(order, share * value) for order, share, value in self._finite()]
         orders, values = np.array([o for o, _ in finite], dtype=np.int64), np.array([v for _, v in finite])
-        return LinearLimits(self.n_dims, hands, moves, orders, values, pace)
+        return LinearLimits(self.n_dims, np.ascontiguousarray(hands), moves, orders, values, pace)
 
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
         """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""

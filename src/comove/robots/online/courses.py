@@ -19,7 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from comove.arrays import Array, Integers
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.contacts.rods import rod_distance
 from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE
@@ -157,9 +157,11 @@ def places(
         place_links(arms.chains, links, joints[t], a, b)
         place_one(space.blocks, configurations[t], 1.0, nodes)
         for m in range(n_links):
-            start[t, m], end[t, m] = a[chosen[m]], b[chosen[m]]
+            copy_to(a[chosen[m]], start[t, m])
+            copy_to(b[chosen[m]], end[t, m])
         for e in range(n_edges):
-            start[t, n_links + e], end[t, n_links + e] = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
+            copy_to(nodes[around.edges[e, 0]], start[t, n_links + e])
+            copy_to(nodes[around.edges[e, 1]], end[t, n_links + e])
     return Places(start, end, np.concatenate((thick, around.radii)))
 
 

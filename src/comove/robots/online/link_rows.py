@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array, Integers
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.contacts.displaced import RESTING
 from comove.contacts.rods import near_enough, nearest_shares, rod_distance
 from comove.control.safety.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
@@ -110,8 +110,9 @@ def hand_jacobians(arms: Arms, q: Array) -> tuple[Array, Array]:
         turns, places, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
         place_arm(chains, i, q, turns, places)
         jacobian(chains, i, turns, places, own)
-        jacobians[i, :, first : first + n] = own
-        hands[i] = places[n]
+        for row in range(6):
+            copy_to(own[row], jacobians[i, row, first : first + n])
+        copy_to(places[n], hands[i])
     return jacobians, hands
 
 

@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.model.blocks import place_one
 from comove.planning.clock import worked
 from comove.planning.configurations import clearance_in_time, span
 from comove.planning.planner import continuous
 from comove.planning.timing import drift, instant_of, time_for_joints
-from comove.planning.trees import answers, copy_to, rrt_connect, shortened
+from comove.planning.trees import rrt_connect, shortened
 from comove.planning.world import World, between, follow, reaches
 from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import SEARCHING, Arms, hand_rotation, posture_on
@@ -199,7 +199,7 @@ def follow_path(world: World, path: Array) -> bool:
     return True
 
 
-@answers(follow, CarryingArms)
+@follow.answered_for(CarryingArms)
 @kernel
 def follow_edge(carrying: CarryingArms, world: World, p: Array, target: Array) -> bool:
     """Follow an edge from the joints of p with all arms, and write the joints into its end; returns False where an
@@ -242,7 +242,7 @@ def follow_edge(carrying: CarryingArms, world: World, p: Array, target: Array) -
     return True
 
 
-@answers(reaches, CarryingArms)
+@reaches.answered_for(CarryingArms)
 @kernel
 def _may_reach(carrying: CarryingArms, world: World, node: Array) -> bool:
     arms = carrying.arms

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 from comove.contacts.displaced import Instant, instant_at
 from comove.model.blocks import Blocks, place_one
-from comove.planning.trees import copy_to
 from comove.robots.search.chains import Chains, jacobian, place_arm, reach_pose, solve_damped
 from comove.robots.search.following import MET, SEARCHING, Arms, follow_one, hand_rotation
 from comove.robots.search.links import (

@@ -1,0 +1,115 @@
+"""Machine code of kernels, made no more often than needed.
+
+numba makes machine code of every function, and optimises it twice, so that counts of references cancel each other.
+Here only what is called where it lies becomes machine code; what is small stays as LLVM has optimised it, for its
+callers. What counts no references is optimised once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from llvmlite.binding import create_new_function_pass_manager
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.environment import Environment
+
+LARGE = 600  # lines of LLVM, of kernels that are called where they lie
+UNRESOLVED, COUNTS = ".numba.unresolved$", "NRT_decref"
+
+
+class Placed(CodeLibrary):
+    """A library that may have no machine code.
+
+    Attributes
+    ----------
+    has_code : whether it has
+    """
+
+    has_code: bool
+
+    @property
+    def codegen(self) -> Any:
+        """Return numba's owner of the library, or what leaves constants to the callers of code that is nowhere."""
+        return self._codegen if self.has_code else _Nowhere(self._codegen)
+
+
+class _Nowhere:
+    def __init__(self, codegen: Any):
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, env_name: str, env: Any) -> None: ...
+
+
+class KernelLibrary(Placed, JITCodeLibrary):
+    """The library of a function as kernels call it."""
+
+    has_code = False
+    _codegen: Any
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Take up code, but for entries for C, which nobody calls."""
+        if ir_module.name != "cfunc_wrapper":
+            super().add_ir_module(ir_module)
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+        passes, builder = create_new_function_pass_manager(), self._codegen._pass_builder()
+        passes.add_sroa_pass()  # the rest follows for the whole library
+        passes.add_instruction_combine_pass()
+        passes.add_simplify_cfg_pass()
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                passes.run(function, builder)
+
+    def _optimize_final_module(self) -> None:
+        if any(function.name == COUNTS for function in self._final_module.functions):
+            super()._optimize_final_module()
+        else:
+            passes, builder = self._codegen._module_pass_manager()
+            passes.run(self._final_module, builder)
+
+    def _finalize_final_module(self) -> None:
+        self.has_code = self._is_called()
+        if self.has_code:
+            super()._finalize_final_module()
+            for one in self._final_module.global_variables:
+                if one.name in Environment._memo:  # constants of code that it took up
+                    self._codegen.set_env(one.name, Environment._memo[one.name])
+        else:
+            self._finalize_dynamic_globals()
+            self._verify_declare_only_symbols()
+            self._finalized, self._compiled_object = True, b""
+
+    def _is_called(self) -> bool:
+        """Return whether code is called where it lies: what is large, or calls itself."""
+        names = [one.name for one in self._final_module.global_variables]
+        return str(self._final_module).count("\n") > LARGE or any(
+            name.startswith(UNRESOLVED) for name in names
+        )
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return where a function begins; 0 if it is not in the library, or nowhere."""
+        self._ensure_finalized()
+        return super().get_pointer_to_function(name) if self.has_code else 0
+
+
+class EntryLibrary(KernelLibrary):
+    """The library of an entry for Python, which is called where it lies."""
+
+    def _is_called(self) -> bool:
+        return True
+
+
+@contextmanager
+def kernel_libraries(codegen: Any) -> Iterator[None]:
+    """Let numba make libraries of this kind in this context, which is for one thread at a time."""
+    before, codegen._library_class = codegen._library_class, KernelLibrary
+    try:
+        yield
+    finally:
+        codegen._library_class = before
