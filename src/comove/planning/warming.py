@@ -61,16 +61,16 @@ class WarmUpJob:
 _ROBOT = ("pinocchio", "coal")
 JOBS: dict[str, WarmUpJob] = {
     "planar plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 2}, 180),
-    "planar motions": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 2}, 60),
-    "spatial plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 3}, 40),
+    "planar motions": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 2}, 10),
+    "spatial plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 3}, 20),
     "spatial motions": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 3}, 10),
-    "meshes": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 3, "meshes": True}, 70),
+    "meshes": WarmUpJob("comove.planning.kernels:smooth_in", {"n_dims": 3, "meshes": True}, 30),
     "moving plans": WarmUpJob("comove.planning.kernels:plan_in", {"n_dims": 2, "moving": True}, 30),
-    "executions": WarmUpJob("comove.control.kernels:execute", {}, 40),
-    "robot motions": WarmUpJob("comove.robots.kernels:follow", {}, 80, _ROBOT),
-    "robot plans": WarmUpJob("comove.robots.kernels:plan", {}, 50, _ROBOT),
+    "executions": WarmUpJob("comove.control.kernels:execute", {}, 15),
+    "robot motions": WarmUpJob("comove.robots.kernels:follow", {}, 130, _ROBOT),
+    "robot plans": WarmUpJob("comove.robots.kernels:plan", {}, 25, _ROBOT),
     "robot plans, moving": WarmUpJob("comove.robots.kernels:plan", {"moving": True}, 20, _ROBOT),
-    "robot executions": WarmUpJob("comove.robots.kernels:execute", {}, 40, _ROBOT),
+    "robot executions": WarmUpJob("comove.robots.kernels:execute", {}, 65, _ROBOT),
 }
 
 

@@ -134,7 +134,7 @@ def certified_edges(
     """
     (nodes, deviation), (obstacles, owner) = curve, rows
     begin, end, stack = np.empty((2, 3)), np.empty((2, 3)), np.empty((STACK, 4))
-    cells = np.int64(0)  # a literal 0 has a type of its own, for which all below would be compiled once more
+    cells = 0
     for k in range(deviation.shape[0]):
         for e in range(edges.shape[0]):
             m, n = edges[e, 0], edges[e, 1]
@@ -279,7 +279,7 @@ def certified_solids(
     solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes at their corners
     """
     (nodes, deviation), (obstacles, owner) = curve, rows
-    begin, end, none, cells = empty_solid(solids), empty_solid(solids), np.empty((3, 3)), np.int64(0)
+    begin, end, none, cells = empty_solid(solids), empty_solid(solids), np.empty((3, 3)), 0
     work = _work(empty_solid(solids))
     for corners in solids:
         for j in range(obstacles.shape[0]):
@@ -427,7 +427,7 @@ def certified_surface(
     (nodes, _), (surfaces, mesh, obstacle), n_points = curve, around, hulls.shape[1]
     begin, end, none = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((0, 0))
     box_of_both, boxes = np.empty((2, 3)), np.empty(DEPTH, dtype=np.int64)
-    work, cells = _work(np.empty((n_points, 3))), np.int64(0)
+    work, cells = _work(np.empty((n_points, 3))), 0
     for h in range(hulls.shape[0]):
         _hull_at(nodes[0], hulls[h], end)
         for k in range(nodes.shape[0] - 1):

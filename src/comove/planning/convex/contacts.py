@@ -102,7 +102,7 @@ def find_contacts(load, nodes, moved, cutoff, found, least):
     n_samples, n_rows, n_meshes = nodes.shape[0], around.convex.shape[0], count_meshes(around.surfaces)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
     contact, points = np.zeros(N_FIELDS), np.empty((most_corners(around.solids) + 2, 3))
-    n = np.int64(0)  # a plain 0 is a type of its own, for which all that takes it would be compiled once more
+    n = 0
     for part in range(count_parts(around)):
         for thing in range(n_rows + n_meshes):
             row, owner = whose(around, thing)
