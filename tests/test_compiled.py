@@ -239,6 +239,23 @@ def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
             assert said(tmp_path, code, name) == [value]
 
 
+@pytest.mark.parametrize("first", ["caller", "one"])
+def test_what_others_take_up_is_an_entry_of_its_own_as_well(tmp_path, first):
+    """Loaded in either order: the entry has constants, such as the type of an array, that its caller has not."""
+    (tmp_path / "taken.py").write_text(
+        "import numpy as np\nfrom comove.compiled import kernel\n\n"
+        "@kernel\ndef one(x):\n    return np.full(2, x)\n\n"
+        "@kernel\ndef caller(x):\n    return one(x)[1]\n"
+    )
+    code = (
+        "import sys\nimport numpy as np\nimport taken\n"
+        "for name in sys.argv[1:]: print(np.sum(getattr(taken, name)(3.0)))"
+    )
+    other = "one" if first == "caller" else "caller"
+    for _ in range(2):
+        assert said(tmp_path, code, first, other) == (["3.0", "6.0"] if first == "caller" else ["6.0", "3.0"])
+
+
 def test_a_large_kernel_is_called_by_its_symbol_and_a_small_one_is_not_called_at_all(calling, monkeypatch):
     def called(large):
         monkeypatch.setattr(libraries, "LARGE", large)

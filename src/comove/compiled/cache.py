@@ -217,8 +217,9 @@ def _environment(module: str, constants: Any, name: str) -> Environment:
     found = Environment._memo.get(name)
     if found is None:
         found = Environment(vars(sys.modules[module]) if module in sys.modules else {"__name__": module})
-        found.consts[:], found.env_name = constants, name
+        found.env_name = name
         Environment._memo[name] = found
+    found.consts.extend(constants[len(found.consts) :])  # an entry has those of what it calls, and its own
     return found
 
 

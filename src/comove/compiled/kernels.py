@@ -384,3 +384,10 @@ class Elsewhere:
 
 def _code_of(compiled: Any) -> Any:
     return compiled.library._get_module_for_linking().get_function(compiled.fndesc.llvm_func_name)
+
+
+@kernel
+def copy_to(source: Any, target: Any) -> None:
+    """Copy a vector to a row of an array: assignment to a slice would take seconds to compile."""
+    for c in range(source.shape[0]):
+        target[c] = source[c]
