@@ -256,6 +256,52 @@ def test_what_others_take_up_is_an_entry_of_its_own_as_well(tmp_path, first):
         assert said(tmp_path, code, first, other) == (["3.0", "6.0"] if first == "caller" else ["6.0", "3.0"])
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "call", "values"),
+    [
+        ("a b", "b a", "first(Pair(a=np.ones(1), b=np.full(1, 2.0)))", ["1.0", "1.0"]),
+        ("x - y", "y - x", "less(3.0)", ["1.0", "-1.0"]),
+        ("return x", "return -x", "apply(same, 4.0)", ["4.0", "-4.0"]),
+    ],
+    ids=["fields", "parameters", "functions"],
+)
+def test_a_kernel_is_compiled_anew_when_what_it_is_given_has_changed(tmp_path, before, after, call, values):
+    """Fields of a named tuple change places in another file, so do parameters, or a function that is an argument."""
+    (tmp_path / "user.py").write_text(
+        "import given\nfrom comove.compiled import kernel\n\n"
+        "@kernel\ndef first(pair):\n    return pair.a[0]\n\n"
+        "@kernel\ndef less(x):\n    return given.less(x=x, y=2.0)\n\n"
+        "@kernel\ndef apply(f, x):\n    return f(x)\n"
+    )
+    text = (
+        "from collections import namedtuple\nfrom comove.compiled import kernel\n\n"
+        "Pair = namedtuple('Pair', 'a b')\n\n"
+        "@kernel\ndef less(x, y):\n    return x - y\n\n"
+        "@kernel\ndef same(x):\n    return x\n"
+    )
+    code = "import numpy as np\nfrom given import *\nfrom user import *\nprint(" + call + ")"
+    if before == "x - y":
+        code = code.replace("from given import *\n", "")
+    found = []
+    for new in (before, after):
+        changed = text.replace("(x, y)", "(y, x)") if new == "y - x" else text
+        (tmp_path / "given.py").write_text(changed.replace(before, new))
+        found += said(tmp_path, code)
+    assert found == values
+
+
+def test_functions_of_numba_that_kernels_call_serve_python_as_well(tmp_path):
+    """Before and after, in the process that compiles and in the next one."""
+    (tmp_path / "mixed.py").write_text(
+        "import numba\nfrom comove.compiled import kernel\n\n"
+        "@numba.njit(cache=True)\ndef plain(x):\n    return 2.0 * x\n\n"
+        "@kernel\ndef user(x):\n    return plain(x) + 1.0\n"
+    )
+    code = "from mixed import plain, user\nprint(user(1.5), plain(1.5))"
+    for _ in range(2):
+        assert said(tmp_path, code) == ["4.0", "3.0"]
+
+
 def test_a_large_kernel_is_called_by_its_symbol_and_a_small_one_is_not_called_at_all(calling, monkeypatch):
     def called(large):
         monkeypatch.setattr(libraries, "LARGE", large)

@@ -60,9 +60,12 @@ def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
     Parameters
     ----------
     function : a Python function
-    argument_types : numba's types of its arguments, which choose what answers a question
+    argument_types : numba's types of its arguments: named tuples, which choose what answers a question, and functions
     """
-    kinds, reached, pending = _kinds(argument_types), dict[Callable, bytes](), [function]
+    argument_types = list(argument_types)
+    kinds, reached = _kinds(argument_types), dict[Callable, bytes]()
+    given = [one.dispatcher.py_func for one in argument_types if hasattr(one, "dispatcher")]
+    pending = [function, *(one for one in given if one is not None)]
     while pending:
         one = pending.pop()
         if hasattr(one, "answers"):  # a `Question`
@@ -70,7 +73,8 @@ def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
         elif one not in reached:
             reached[one], called = _own(one)
             pending += called
-    return hashlib.sha256(b"".join(reached.values())).hexdigest()
+    fields = [repr((kind.__module__, kind.__qualname__, getattr(kind, "_fields", ()))) for kind in kinds]
+    return hashlib.sha256(b"".join(reached.values()) + "".join(fields).encode()).hexdigest()
 
 
 def _kinds(types: Iterable[Any]) -> list[type]:
@@ -89,10 +93,12 @@ def _own(function: Any) -> tuple[bytes, tuple[Callable, ...]]:
     known = {**function.__globals__, **_free(function)}
     for part in _codes(code):
         words += [part.co_code.hex(), *_constants(part, function.__doc__), *part.co_names]
+        words += part.co_varnames[: part.co_argcount + part.co_kwonlyargcount]  # callers may use them
         for name in (*part.co_names, *part.co_freevars):
             if name in known:
                 _describe(known[name], part.co_names, words, called)
-    _describe(function.__defaults__, (), words, called)
+    for values in (function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))):
+        _describe(values, (), words, called)
     return hashlib.sha256("\n".join(words).encode()).digest(), tuple(called)
 
 

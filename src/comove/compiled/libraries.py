@@ -16,7 +16,7 @@ from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.environment import Environment
 
 LARGE = 600  # lines of LLVM, of kernels that are called where they lie
-UNRESOLVED, COUNTS = ".numba.unresolved$", "NRT_decref"
+UNRESOLVED, COUNTS, FOR_PYTHON = ".numba.unresolved$", "NRT_decref", "_ZN7cpython"
 
 
 class Placed(CodeLibrary):
@@ -86,11 +86,12 @@ class KernelLibrary(Placed, JITCodeLibrary):
             self._finalized, self._compiled_object = True, b""
 
     def _is_called(self) -> bool:
-        """Return whether code is called where it lies: what is large, or calls itself."""
-        names = [one.name for one in self._final_module.global_variables]
-        return str(self._final_module).count("\n") > LARGE or any(
-            name.startswith(UNRESOLVED) for name in names
-        )
+        """Return whether code is called where it lies: what is large, calls itself, or is numba's with an entry."""
+        unresolved = [
+            one.name for one in self._final_module.global_variables if one.name.startswith(UNRESOLVED)
+        ]
+        entries = [one.name for one in self._final_module.functions if one.name.startswith(FOR_PYTHON)]
+        return bool(unresolved or entries) or str(self._final_module).count("\n") > LARGE
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return where a function begins; 0 if it is not in the library, or nowhere."""
