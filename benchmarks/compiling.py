@@ -1,10 +1,11 @@
-"""Which compiled functions a first run waits for, and how long each takes to compile.
+"""Which compiled functions a first run waits for, and how long each takes to compile; or the whole warm-up.
 
 The command runs in this process with an empty cache of kernels; numba's own events tell when the compilation of a
 function for one signature begins and ends. A function's time is without the functions that it calls. A function that
-stands in the table with several signatures is compiled once for each.
+stands in the table with several signatures is compiled once for each. Without a command, all jobs of the warm-up that
+the installed extras allow are done one after the other; times are of the processor.
 
-To repeat: ``pip install comove``, ``python benchmarks/compiling.py solve narrow.yaml``.
+To repeat: ``pip install comove``, ``python benchmarks/compiling.py [solve narrow.yaml]``.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from pathlib import Path
 
 from timing import print_table
 
@@ -36,12 +38,36 @@ def exclusive_times(events) -> dict[str, list[float]]:
     return times
 
 
+def warm_up() -> None:
+    """Do all jobs of the warm-up from an empty cache and print the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ |= {"NUMBA_CACHE_DIR": folder, "COMOVE_COMPILE_ALONE": "1"}
+        from comove.planning.warming import JOBS
+
+        rows = []
+        for name, job in JOBS.items():
+            if job.is_possible:
+                begun, before = time.process_time(), kept(folder)
+                job.solve()
+                rows.append([name, time.process_time() - begun, kept(folder) - before])
+        rows.append(["all", sum(row[1] for row in rows), kept(folder)])
+    print_table(["job", "processor [s]", "files of code"], [[n, f"{s:.1f}", k] for n, s, k in rows])
+
+
+def kept(folder: str) -> int:
+    """Count the compiled functions that a cache holds."""
+    return sum(1 for _ in Path(folder).rglob("*.nbc"))
+
+
 def main() -> None:
     """Run the command and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rows", type=int, default=40)
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="of comove, such as: solve narrow.yaml")
     options = parser.parse_args()
+    if not options.arguments:
+        warm_up()
+        return
 
     with tempfile.TemporaryDirectory() as folder:
         os.environ |= {"NUMBA_CACHE_DIR": f"{folder}/kernels", "MPLCONFIGDIR": f"{folder}/fonts"}

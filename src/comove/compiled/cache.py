@@ -39,7 +39,7 @@ from numba.core.compiler import compile_result
 from numba.core.environment import Environment
 from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]  # of C
 
-from comove.compiled.libraries import Placed
+from comove.compiled.libraries import OptionalCode
 from comove.errors import ComoveWarning
 
 fcntl: ModuleType | None
@@ -164,7 +164,7 @@ _MADE_BY = hashlib.sha256(b"".join(_MAKERS)).hexdigest()[:16]  # what another co
 _told = False
 
 
-class _Found(Placed, JITCodeLibrary):
+class _Found(OptionalCode, JITCodeLibrary):
     """The library of a compiled function on disk: its machine code is loaded, its LLVM code only for its callers.
 
     numba parses the LLVM code of every function that it loads, to list its symbols, which takes most of the time.

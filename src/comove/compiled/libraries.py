@@ -19,7 +19,7 @@ LARGE = 600  # lines of LLVM, of kernels that are called where they lie
 UNRESOLVED, COUNTS, FOR_PYTHON = ".numba.unresolved$", "NRT_decref", "_ZN7cpython"
 
 
-class Placed(CodeLibrary):
+class OptionalCode(CodeLibrary):
     """A library that may have no machine code.
 
     Attributes
@@ -31,7 +31,7 @@ class Placed(CodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        """Return numba's owner of the library, or what leaves constants to the callers of code that is nowhere."""
+        """Return numba's owner of the library; without machine code, one that is given no constants for it."""
         return self._codegen if self.has_code else _Nowhere(self._codegen)
 
 
@@ -45,7 +45,7 @@ class _Nowhere:
     def set_env(self, env_name: str, env: Any) -> None: ...
 
 
-class KernelLibrary(Placed, JITCodeLibrary):
+class KernelLibrary(OptionalCode, JITCodeLibrary):
     """The library of a function as kernels call it."""
 
     has_code = False

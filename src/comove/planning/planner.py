@@ -539,9 +539,9 @@ def _retract(space, q, margin, wished, trials, rng, work):
     -------
     bool, whether the pose has more clearance than the margin
     """
-    (n_trials, widest, stays), (scratch, nodes), n_dims = trials, work, space.blocks.n_dims
+    (n_trials, widest, stays), (scratch, nodes) = trials, work
     clearance, size = clearance_of(space, q, nodes, -np.inf), widest
-    x, y, z = q[0], q[1], q[2] if n_dims == 3 else 0.0
+    x, y, z = q[0], q[1], q[2]
     for trial in range(n_trials):
         if clearance > wished:
             return True
@@ -552,7 +552,7 @@ def _retract(space, q, margin, wished, trials, rng, work):
         if gained > clearance:
             copy_to(scratch, q)
             clearance, size = gained, min(widest, 1.5 * size)
-            if sqrt((q[0] - x) ** 2 + (q[1] - y) ** 2 + ((q[2] if n_dims == 3 else 0.0) - z) ** 2) > stays:
+            if (q[0] - x) ** 2 + (q[1] - y) ** 2 + (q[2] - z) ** 2 > stays**2:
                 return False
         else:
             size *= 0.8

@@ -40,7 +40,15 @@ from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import MET, Arms, Strain, follow
-from comove.robots.search.links import FAT, FATTEST, Hold, Links, LinkSurroundings, load_lines, recalled
+from comove.robots.search.links import (
+    FAT,
+    FATTEST,
+    HandOrientation,
+    Links,
+    LinkSurroundings,
+    load_lines,
+    recalled,
+)
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
@@ -155,7 +163,7 @@ class RobotCarrier(LimitedKinematics):
         edges, radii = load_lines(scene)
         n_nodes = None if grasp.keypoints else len(self.holders)  # a load may turn while its hands stay
         around = LinkSurroundings(
-            hold=Hold(
+            hold=HandOrientation(
                 np.ascontiguousarray(grasp.at_rest),
                 np.ascontiguousarray(grasp.turning),
                 grasp.holders[0],

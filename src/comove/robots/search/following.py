@@ -19,7 +19,7 @@ from comove.model.moving import Displacements
 from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
 from comove.robots.search.links import (
     STILL,
-    Hold,
+    HandOrientation,
     Links,
     LinkSurroundings,
     clearance_around,
@@ -106,7 +106,7 @@ def hand_rotation(around: LinkSurroundings, nodes: Array, i: int, out: Array) ->
 
 
 @kernel
-def _hand_on_keypoints(hold: Hold, nodes: Array, i: int, out: Array) -> None:
+def _hand_on_keypoints(hold: HandOrientation, nodes: Array, i: int, out: Array) -> None:
     """Compute the orientation of hand i from the keypoints of the load."""
     p, q, r = nodes[hold.keypoints[0]], nodes[hold.keypoints[1]], nodes[hold.keypoints[2]]
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]

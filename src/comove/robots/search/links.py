@@ -33,8 +33,8 @@ FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
 STILL = Displacements.of(np.zeros((0, 0, 3)), np.zeros((0, 3)))  # of obstacles that do not move
 
 
-class Hold(NamedTuple):
-    """How the hands are oriented while they hold a load, as arrays for kernels; see `comove.model.grasp.Grasp`.
+class HandOrientation(NamedTuple):
+    """Orientations of hands that hold a load, as arrays for kernels; see `comove.model.grasp.Grasp`.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class LinkSurroundings(NamedTuple):
     eased: float
     spare: float = 0.0
     share: float = 1.0
-    hold: Hold = Hold()
+    hold: HandOrientation = HandOrientation()
     carried: Array = np.zeros(0)
     posture: Array = np.zeros(0)
     ends: Array = np.zeros((2, 0, 3))
