@@ -234,24 +234,3 @@ def test_frames_pass_slots_edge_on(name):
     """Each has three walls with a slot that the triangle passes in few orientations alone."""
     scene = Scene.load(str(files("comove") / "lab" / "sets" / "hard" / f"{name}.yaml"))
     assert planned(scene, 0.004, seed=0, max_nodes=3000)[0] is not None
-
-
-def test_windows_that_are_known_serve_later_plans_with_margins_of_their_own():
-    """Paths keep the margin asked for, though windows were found with less; fewer are searched for each time."""
-    scene = Scene.load(str(files("comove") / "lab" / "sets" / "hard" / "spatial-10.yaml"))
-    coordinates, rng, known = load_coordinates(scene), np.random.default_rng(3), [0]
-    space, ends = configuration_space(scene, coordinates), coordinates.boundary()
-    space.found[1] = 10  # the forest alone
-    for margin in (0.002, 0.002, 0.002, 0.006, 0.006, 0.006):
-        path = plan(space, ends[0], ends[2], margin, rng, max_nodes=3000)
-        known.append(int(space.found[2]))
-        if path is not None:
-            hands = brute_force.hands_of(coordinates, between(coordinates, path))
-            at_ends = brute_force.configuration_clearance(scene, hands[[0, -1]]).min()
-            clearance = brute_force.configuration_clearance(scene, hands).min()
-            assert clearance >= min(margin, 0.5 * at_ends) - 1e-6
-    found = np.diff(known)
-    assert found[0] >= 32
-    assert found[-1] < found[0]
-    stored = space.windows[: known[-1], -1]
-    assert {0.002, 0.006} >= set(stored.round(6).tolist())

@@ -53,14 +53,12 @@ class SpaceSettings(NamedTuple):
     cap : cap of clearances beyond the one required [m]
     tolerance : of clearances [m]
     creeping : steps along an edge that may be shorter than the tolerance
-    windows : windows that are remembered at most
     """
 
     step: float = 0.1
     cap: float = 0.12
     tolerance: float = 2e-4
     creeping: int = 40
-    windows: int = 1000
 
 
 SETTINGS = SpaceSettings()
@@ -80,10 +78,7 @@ class Space(NamedTuple):
     cap : largest clearance that is computed [m]
     clock : clock of the budget; no configuration is free after its deadline
     parts : array, shape (DEPTH, 2), scratch of the check of one edge
-    found : array, shape (3,), numbers of paths found by RRT-Connect and by the forest, and of known windows,
-        which the planner counts
-    windows : array, shape (n_windows, n_columns + 7), poses between two obstacles that the forest has found, in the
-        first rows: see `planner._keep_window`
+    found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
     settings : settings of the search
     """
 
@@ -97,7 +92,6 @@ class Space(NamedTuple):
     clock: Array
     parts: Array
     found: NDArray[np.int64]
-    windows: Array
     settings: SpaceSettings
 
 
@@ -121,8 +115,7 @@ def configuration_space(
         settings.cap + scene.clearance,
         clock_until() if clock is None else clock,
         np.empty((DEPTH, 2)),
-        np.zeros(3, dtype=np.int64),
-        np.empty((settings.windows, coordinates.n_columns + 7)),
+        np.zeros(2, dtype=np.int64),
         settings,
     )
 

@@ -224,32 +224,25 @@ def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
     work = scratch, nodes
     if edge_is_free(space, start, goal, margin, scratch, nodes):
         return tree[:2].copy()
-    known, used = space.found[2], 0  # each known window serves a plan once, from a random one on
-    first = rng.integers(0, max(known, 1))
     for trial in range(40 * max_nodes):
         if count >= max_nodes or worked(space.clock, count):
             break
         draw = rng.random()
         between = -1  # one of the two obstacles, if the new pose is between two
         if (count < settings.n_bridges and trial < 1000) or draw < settings.bridges:
-            if used < known and rng.random() * (known + settings.n_bridges) < known:
-                between = _known_window(space, (first + used) % known, margin, new, along, work)
-                used += 1
-            else:
-                between = _bridge(space, flat, rng, margin, new, work, settings)
-                if between >= 0:
-                    copy_to(_way_through(space, new, between, margin, ends, work, settings), along)
-                    _keep_window(space, new, between, along, margin)
+            between = _bridge(space, flat, rng, margin, new, work, settings)
             found = between >= 0
         elif draw < settings.bridges + 0.6 * (1.0 - settings.bridges):
             i = _node_to_expand(member, room, count, rng, settings)
             _perturb(space, tree[i], 1.0, rng.random() < 0.5, rng, new)
-            found = _retract(space, new, margin, margin, (settings.retractions, 1.0, np.inf), rng, work)
+            found = _retract(space, new, margin, margin, (settings.retractions, 1.0), rng, work)
         else:
             random_configuration(space, rng, new)
             found = clearance_of(space, new, nodes, 0.0) > margin
         if not found:
             continue
+        if between >= 0:
+            along = _way_through(space, new, between, margin, ends, work, settings)
         copy_to(new, tree[count])
         member[count], room[count] = count, clearance_of(space, new, nodes, 0.0)
         count += 1
@@ -269,40 +262,6 @@ def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
         if member[0] == member[1]:
             return _path_through(tree, links, n_links, count)
     return np.empty((0, n_columns))
-
-
-@kernel(counted=False)
-def _keep_window(space, q, between, along, margin):
-    """Note a pose between two obstacles, one of them, how it slides, and the margin that it keeps."""
-    windows, n = space.windows, q.shape[0]
-    if space.found[2] == windows.shape[0]:
-        return
-    row = windows[space.found[2]]
-    for c in range(n):
-        row[c] = q[c]
-    for c in range(5):
-        row[n + c] = along[c]
-    row[n + 5], row[n + 6] = between, margin
-    space.found[2] += 1
-
-
-@kernel
-def _known_window(space, k, margin, out, along, work):
-    """Write a known window and how it slides; return one of its obstacles, -1 if it does not keep the margin."""
-    (scratch, nodes), row, n = work, space.windows[k], out.shape[0]
-    for c in range(n):
-        out[c] = row[c]
-    for c in range(5):
-        along[c] = row[n + c]
-    if row[n + 6] < margin:  # it was found with less
-        if clearance_of(space, out, nodes, 0.0) <= margin:
-            return -1
-        end = np.empty(n)
-        for side in range(2):
-            _slid(space, out, along, along[3 + side], end)
-            if not edge_is_free(space, out, end, margin, scratch, nodes):
-                along[3 + side] = 0.0
-    return int(row[n + 5])
 
 
 @kernel
@@ -394,7 +353,6 @@ def _bridge(space, flat, rng, margin, out, work, settings):
     if n_obstacles < 2:
         return -1
     a, b, middle = np.zeros(3), np.zeros(3), np.zeros(3)
-    trials = settings.settling, settings.in_place, settings.stays * space.reach[0]
     for _ in range(200):
         j, k = rng.integers(0, n_obstacles), rng.integers(0, n_obstacles)
         if j == k:
@@ -422,7 +380,12 @@ def _bridge(space, flat, rng, margin, out, work, settings):
             if space.blocks.kind[0] == QUATERNION and trial % 2 == 0:
                 _fit(space, j, flat, rng, out[n_dims:])
             keep_mask(space.blocks, out)
-            if _retract(space, out, margin, space.cap, trials, rng, work):
+            if not _retract(space, out, margin, space.cap, (settings.settling, settings.in_place), rng, work):
+                continue
+            moved = 0.0
+            for axis in range(n_dims):
+                moved += (out[axis] - middle[axis]) ** 2
+            if moved < (settings.stays * space.reach[0]) ** 2:
                 return j
     return -1
 
@@ -531,29 +494,23 @@ def quaternion_of(r, out):
 def _retract(space, q, margin, wished, trials, rng, work):
     """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
 
-    Hardly any random pose is free in a narrow passage, but many are near a free one. `trials` are the number of
-    steps, the size of the widest, and how far [m] the pose may move. It gives up where it moves further, or is still
-    a wide step deep in something after a quarter of the steps.
+    Hardly any random pose is free in a narrow passage, but many are near a free one. `trials` are the number of steps
+    and the size of the widest.
 
     Returns
     -------
     bool, whether the pose has more clearance than the margin
     """
-    (n_trials, widest, stays), (scratch, nodes) = trials, work
+    (n_trials, widest), (scratch, nodes) = trials, work
     clearance, size = clearance_of(space, q, nodes, -np.inf), widest
-    x, y, z = q[0], q[1], q[2]
-    for trial in range(n_trials):
+    for _ in range(n_trials):
         if clearance > wished:
             return True
-        if 4 * trial >= n_trials and clearance < margin - 0.05 * widest:
-            return False
         _perturb(space, q, size, False, rng, scratch)
         gained = clearance_of(space, scratch, nodes, clearance)
         if gained > clearance:
             copy_to(scratch, q)
             clearance, size = gained, min(widest, 1.5 * size)
-            if (q[0] - x) ** 2 + (q[1] - y) ** 2 + (q[2] - z) ** 2 > stays**2:
-                return False
         else:
             size *= 0.8
     return clearance > margin
