@@ -58,3 +58,21 @@ def test_what_cannot_be_had_is_missed_by_as_little_as_possible():
     found = minimum(np.zeros(N), np.eye(N), clearances, trust, NO_LIMITS, Prices(1e6, 0.0, 1.0, 1.0, 0.0))
     assert found.slack == pytest.approx(0.01, abs=1e-6)
     assert found.w == pytest.approx(np.zeros(N), abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_dear_slack_hides_no_progress(seed):
+    """Beyond some price, what cannot be had is missed by the same amount; at 1e9 rounding hides the progress."""
+    rng, n = np.random.default_rng(seed), 30
+    gradient, rows, bound = 0.03 * rng.normal(size=n), rng.normal(size=(200, n)), 1e-3 * rng.normal(size=200)
+    clearances = Rows(rows, bound, np.zeros(200, dtype=np.int64), np.full(200, -np.inf))
+    trust = Trust(np.eye(n), np.zeros(n), np.full(n, 10.0))
+    limits = Limits(2, (np.inf, np.inf, np.inf)).linear(
+        np.zeros((3, 2)), Moves(np.zeros((3, 2, n)), np.ones((3, 1)), np.zeros(n, dtype=bool))
+    )
+    cheap, dear = (
+        minimum(gradient, np.eye(n), clearances, trust, limits, Prices(price, 0.0, 1.0, 1.0, 0.0))
+        for price in (1e6, 1e9)
+    )
+    assert dear.slack == pytest.approx(cheap.slack, rel=1e-3)
+    assert (rows @ dear.w - bound).min() > -dear.slack - 1e-5

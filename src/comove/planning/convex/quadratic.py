@@ -19,6 +19,9 @@ from comove.planning.convex.limits import LinearLimits
 
 FREE = 1e30  # infinite bound for DAQP
 UNIT = 1e-3  # m, unit of the slack in a programme
+# DAQP takes steps without progress for a cycle; beside the price of the slack in its dual objective, progress may be
+# less than what rounding leaves. A programme of 600 variables may need more than 2000 steps, each adding one row.
+PATIENCE = {"cycle_tol": 100, "iter_limit": 20_000}
 BROKEN = 1e-6  # m by which rows may be violated that are not part of it; for the trust region, a share of its radius
 
 
@@ -206,7 +209,7 @@ def _solved(
             np.zeros(len(above), dtype=np.int32),
             dual_start=guess,
             primal_tol=1e-7,
-            iter_limit=2000,
+            **PATIENCE,
         )
         if flag >= 1:
             return x, told["lam"]
