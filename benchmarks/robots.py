@@ -5,7 +5,8 @@
     python benchmarks/robots.py --seeds 5 --seed 410 --scenes g1 pr2
     python benchmarks/robots.py --only solve --open      # each as fast as its arms can
     python benchmarks/robots.py --only moving --count 100 --seed 2026 --difficulty robots-hard
-    python benchmarks/robots.py --only first --seeds 9   # milliseconds to the first verified motion, and of its parts
+    python benchmarks/robots.py --only first --seeds 9   # milliseconds to the first verified motion, and of its check
+    python benchmarks/robots.py --only stages --seeds 5 --scenes two_pandas drawn/*.yaml  # and of its stages
 
 Times are from the scene's file to the first and to the last verified joint motion, in seconds on the wall and of the
 processor, which other work on the machine hardly changes; imports, compiling and the robot itself are apart.
@@ -22,10 +23,12 @@ import argparse
 import sys
 import time
 import warnings
-from collections.abc import Iterator
-from contextlib import suppress
-from functools import lru_cache
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from timing import print_head, print_row
@@ -38,10 +41,25 @@ from comove.lab.bench.robot_drawing import JointWitness, RobotDraft
 from comove.lab.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES, RobotDifficulty
 from comove.model import Scene, demonstration_of
 from comove.model.motion import CoordinatedMotion
-from comove.planning import SceneKind
+from comove.planning import SceneKind, methods, search, solver
+from comove.planning.methods import Plans
+from comove.planning.search import Search
 from comove.planning.solution import Progress
-from comove.robots import JointMotion, Robot, RobotCarrier, VerifiedJointMotion, plan_transfers, verify_joints
+from comove.robots import (
+    JointMotion,
+    Robot,
+    RobotCarrier,
+    VerifiedJointMotion,
+    carrying,
+    kernels,
+    plan_transfers,
+    verify_joints,
+)
+from comove.robots import solving as robots_solving
+from comove.robots.ends import EndJoints
 from comove.robots.kernels import load_robot_kernels
+from comove.robots.verification import checks
+from comove.robots.verification import verify as robots_verify
 from comove.sim import Friction, Perturbation, Weld, simulate
 from comove.verification.verify import verify
 
@@ -59,7 +77,7 @@ N_PERTURBED = 20
 def robot_of(path: Path) -> Robot:
     """The robot of a scene, ready: its meshes are read, its links are known, and its kernels are compiled."""
     scene = Scene.load(path)
-    robot = Robot.load(scene.file.robot)
+    robot = robot_of_drawn(scene)
     load_robot_kernels(SceneKind.of(scene))
     for choice in scene.alternatives:
         with suppress(SceneError):  # another grasp may do
@@ -135,6 +153,112 @@ def table_of_firsts(scenes: list[Path], seeds: range) -> None:
         medians = np.median(times, axis=0) if times else np.full(4, np.nan)
         print_row([path.stem, f"{lasts:.1f}", *(f"{1e3 * value:.1f}" for value in medians)])
     print()
+
+
+class Stages:
+    """Processor time spent in each of some functions, less what others among them spend within."""
+
+    def __init__(self) -> None:
+        self.spent, self._within, self._since = Counter[str](), ["rest"], time.process_time()
+
+    def _turn(self) -> None:
+        now = time.process_time()
+        self.spent[self._within[-1]] += now - self._since
+        self._since = now
+
+    @contextmanager
+    def within(self, stage: str) -> Iterator[None]:
+        """Count what is spent inside towards a stage."""
+        self._turn()
+        self._within.append(stage)
+        try:
+            yield
+        finally:
+            self._turn()
+            self._within.pop()
+
+    def of(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function whose time counts towards a stage."""
+
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            with self.within(stage):
+                return function(*args, **kwargs)
+
+        return timed
+
+
+STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
+    "robot's set-up": (
+        (robots_solving, "check_robot"),
+        (kernels, "load_robot_kernels"),
+        (robots_solving, "problem_of"),
+        (RobotCarrier, "__init__"),
+        (RobotCarrier, "_arms"),
+    ),
+    "joints at ends": ((EndJoints, "branches"), (EndJoints, "pairs")),
+    "ends checked": (
+        (robots_solving, "warn_of_buried_links"),
+        (RobotCarrier, "is_clear_at_ends"),
+        (RobotCarrier, "require_clear_ends"),
+    ),
+    "search's set-up": ((solver, "_search_for"), (Plans, "of")),
+    "plan": ((RobotCarrier, "plan"), (RobotCarrier, "plan_in_time")),
+    "fits": ((methods, "fit"), (Search, "evaluate_best"), (Search, "worth")),
+    "arms asked": ((RobotCarrier, "ask"),),
+    "hands verified": ((search, "verify"), (robots_verify, "verify")),
+    "joints along": ((RobotCarrier, "track"),),
+    "limits, torques": ((checks, "rest"), (checks, "limits"), (checks, "payload"), (checks, "torques")),
+    "hands hold": ((robots_verify, "holding_errors"), (checks, "hands"), (checks, "calibration")),
+    "bodies, clearance": ((robots_verify, "bodies_of"), (checks, "clearances")),
+    "rest of check": ((carrying, "verify_joints"),),
+    "made smooth": ((methods, "smooth_way"), (methods, "smooth_demonstration")),
+}
+"""Where the functions of each stage are looked up."""
+
+
+def counted(stages: Stages) -> None:
+    """Replace the functions of all stages by ones whose time is counted."""
+    for stage, places in STAGES.items():
+        for place, name in places:
+            function = vars(place)[name]
+            if isinstance(function, classmethod):
+                setattr(place, name, classmethod(stages.of(stage, function.__func__)))
+            elif isinstance(function, property):
+                setattr(place, name, property(stages.of(stage, function.fget)))
+            elif isinstance(function, cached_property):
+                function.func = stages.of(stage, function.func)
+            else:
+                setattr(place, name, stages.of(stage, function))
+
+
+def table_of_stages(scenes: list[Path], seeds: range) -> None:
+    """Print a row a scene: medians of processor time of the stages before the first verified joint motion [ms]."""
+    stages = Stages()
+    counted(stages)
+    names = [*STAGES, "rest"]
+    print_head(["scene", "first motion", *names])
+
+    def heard(motion: VerifiedJointMotion) -> None:
+        raise _Heard(motion)
+
+    every = list[list[float]]()
+    for path in scenes:
+        robot, rows = robot_of(path), list[list[float]]()
+        for seed in (seeds.start, *seeds):  # a first solve that does not count
+            scene = Scene.load(path)
+            demonstration = demonstration_of(scene)
+            with stages.within("rest"), suppress(_Heard):
+                stages.spent.clear()
+                solve(scene, robot=robot, seed=seed, demonstration=demonstration, found=heard)
+            rows.append(
+                [
+                    1e3 * value
+                    for value in (stages.spent.total(), *map(stages.spent.get, names, [0.0] * len(names)))
+                ]
+            )
+        every.append(np.median(rows[1:], axis=0).tolist())
+        print_row([path.stem, *(f"{value:.1f}" for value in every[-1])])
+    print_row(["median", *(f"{value:.1f}" for value in np.median(every, axis=0))])
 
 
 def distance_error(robot: Robot, scene: Scene, joints: np.ndarray) -> float:
@@ -359,8 +483,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0, help="the first one")
-    parser.add_argument("--scenes", nargs="+", help="names of scenes; all of them unless given")
-    parser.add_argument("--only", choices=("solve", "first", "transfers", "simulate", "moving"))
+    parser.add_argument("--scenes", nargs="+", help="names of scenes, or files; all unless given")
+    parser.add_argument("--only", choices=("solve", "first", "stages", "transfers", "simulate", "moving"))
     parser.add_argument("--difficulty", choices=[*ROBOT_DIFFICULTIES], default="robots-easy", help="of these")
     parser.add_argument("--count", type=int, default=25, help="of drawn scenes with moving obstacles")
     parser.add_argument("--open", action="store_true", help="leave out the durations that scenes give")
@@ -369,9 +493,15 @@ def main() -> None:
     if options.only == "moving":
         table_of_moving(options.count, options.seed, ROBOT_DIFFICULTIES[options.difficulty])
         return
-    scenes = [path for path in SCENES if options.scenes is None or path.stem in options.scenes]
+    wanted = options.scenes or [path.stem for path in SCENES]
+    scenes = [path for path in SCENES if path.stem in wanted] + [
+        Path(name) for name in wanted if name.endswith(".yaml")
+    ]
     for path in scenes:
         robot_of(path)
+    if options.only == "stages":
+        table_of_stages(scenes, range(options.seed, options.seed + options.seeds))
+        return
     if options.only == "first":
         table_of_firsts(scenes, range(options.seed, options.seed + options.seeds))
         return
