@@ -47,6 +47,9 @@ class Chains(NamedTuple):
     first : array, shape (n_arms + 1,), index of each arm's first joint, and at last n_joints
     rotation, offset : arrays, shape (n_joints, 3, 3) and (n_joints, 3): each joint's frame in the one before it
         (for the first joint of an arm: in the scene) [m]
+    sine, versine : arrays, shape (n_joints, 3, 3), what the sine, and one less the cosine, of a joint add to
+        `rotation`; zeros where joints slide
+    slide : array, shape (n_joints, 3), what a joint's position adds to `offset`; zeros where joints turn
     axis : array, shape (n_joints, 3), axis in the joint's own frame
     slides : array, shape (n_joints,), whether the joint is prismatic
     tool_rotation, tool_offset : arrays, shape (n_arms, 3, 3) and (n_arms, 3): the grasp in the last joint's frame
@@ -59,6 +62,9 @@ class Chains(NamedTuple):
     first: Integers
     rotation: Array
     offset: Array
+    sine: Array
+    versine: Array
+    slide: Array
     axis: Array
     slides: NDArray[np.bool_]
     tool_rotation: Array
@@ -116,15 +122,21 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
     columns = np.concatenate([arm.columns for arm in arms])
     joints = [int(np.flatnonzero(np.array(model.idx_vs) == c)[-1]) for c in columns]
     placements = [model.jointPlacements[j] for j in joints]
-    axes, slides = zip(*(_axis(model.joints[j]) for j in joints), strict=True)
+    axes, slides = map(np.array, zip(*(_axis(model.joints[j]) for j in joints), strict=True))
+    rotation, across = np.array([m.rotation for m in placements]), np.zeros((len(joints), 3, 3))
+    across[:, [2, 0, 1], [1, 2, 0]], across[:, [1, 2, 0], [2, 0, 1]] = axes, -axes
+    across[slides] = 0.0
     bodies = [model.inertias[j] for j in joints]
     tools = [model.frames[model.getFrameId(arm.tip)].placement.homogeneous @ arm.tool for arm in arms]
     return Chains(
         first=np.cumsum([0] + [len(arm.columns) for arm in arms]),
-        rotation=np.array([m.rotation for m in placements]),
+        rotation=rotation,
         offset=np.array([m.translation for m in placements]),
-        axis=np.array(axes),
-        slides=np.array(slides),
+        sine=rotation @ across,
+        versine=rotation @ across @ across,
+        slide=np.einsum("jab,jb->ja", rotation, axes) * slides[:, None],
+        axis=axes,
+        slides=slides,
         tool_rotation=np.array([tool[:3, :3] for tool in tools]),
         tool_offset=np.array([tool[:3, 3] for tool in tools]),
         lower=robot.lower[columns],
@@ -161,49 +173,37 @@ def place_arm(chains: Chains, arm: int, q: Array, rotations: Array, points: Arra
     rotations, points : results, arrays of shape (n_joints of the arm + 1, 3, 3) and (..., 3)
     """
     first, last = chains.first[arm], chains.first[arm + 1]
-    turned = np.empty((3, 3))
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    px, py, pz = 0.0, 0.0, 0.0
     for j in range(first, last + 1):
-        k = j - first
         if j < last:
-            offset, turn = chains.offset[j], chains.rotation[j]
+            turn, offset, slide, value = chains.rotation[j], chains.offset[j], chains.slide[j], q[j]
+            by_sine, by_versine, sine, versine = (
+                chains.sine[j],
+                chains.versine[j],
+                sin(value),
+                1.0 - cos(value),
+            )
+            x, y, z = offset[0] + value * slide[0], offset[1] + value * slide[1], offset[2] + value * slide[2]
         else:
-            offset, turn = chains.tool_offset[arm], chains.tool_rotation[arm]
-        for a in range(3):
-            if k == 0:
-                points[0, a] = offset[a]
-                for b in range(3):
-                    rotations[0, a, b] = turn[a, b]
-            else:
-                points[k, a] = points[k - 1, a]
-                for b in range(3):
-                    points[k, a] += rotations[k - 1, a, b] * offset[b]
-                    value = 0.0
-                    for c in range(3):
-                        value += rotations[k - 1, a, c] * turn[c, b]
-                    rotations[k, a, b] = value
-        if j == last:
-            break
-        axis = chains.axis[j]
-        if chains.slides[j]:
-            for a in range(3):
-                for b in range(3):
-                    points[k, a] += rotations[k, a, b] * axis[b] * q[j]
-            continue
-        x, y, z = axis[0], axis[1], axis[2]
-        sine, cosine = sin(q[j]), cos(q[j])
-        rest = 1 - cosine
-        turned[0, 0], turned[1, 1], turned[2, 2] = (
-            cosine + x * x * rest,
-            cosine + y * y * rest,
-            cosine + z * z * rest,
-        )
-        turned[0, 1], turned[1, 0] = x * y * rest - z * sine, y * x * rest + z * sine
-        turned[0, 2], turned[2, 0] = x * z * rest + y * sine, z * x * rest - y * sine
-        turned[1, 2], turned[2, 1] = y * z * rest - x * sine, z * y * rest + x * sine
-        for a in range(3):
-            x, y, z = rotations[k, a, 0], rotations[k, a, 1], rotations[k, a, 2]
-            for b in range(3):
-                rotations[k, a, b] = x * turned[0, b] + y * turned[1, b] + z * turned[2, b]
+            turn, offset = chains.tool_rotation[arm], chains.tool_offset[arm]
+            by_sine, by_versine, sine, versine = turn, turn, 0.0, 0.0
+            x, y, z = offset[0], offset[1], offset[2]
+        px += r00 * x + r01 * y + r02 * z
+        py += r10 * x + r11 * y + r12 * z
+        pz += r20 * x + r21 * y + r22 * z
+        frame, point = rotations[j - first], points[j - first]
+        point[0], point[1], point[2] = px, py, pz
+        for b in range(3):
+            x = turn[0, b] + sine * by_sine[0, b] + versine * by_versine[0, b]
+            y = turn[1, b] + sine * by_sine[1, b] + versine * by_versine[1, b]
+            z = turn[2, b] + sine * by_sine[2, b] + versine * by_versine[2, b]
+            frame[0, b] = r00 * x + r01 * y + r02 * z
+            frame[1, b] = r10 * x + r11 * y + r12 * z
+            frame[2, b] = r20 * x + r21 * y + r22 * z
+        r00, r01, r02 = frame[0, 0], frame[0, 1], frame[0, 2]
+        r10, r11, r12 = frame[1, 0], frame[1, 1], frame[1, 2]
+        r20, r21, r22 = frame[2, 0], frame[2, 1], frame[2, 2]
 
 
 @kernel
@@ -259,36 +259,57 @@ def pose_error(rotation: Array, point: Array, target_rotation: Array, target: Ar
 def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Array, out: Array) -> None:
     """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape
     (6,).
+
+    The matrix, and its lower factor in place of it, live in registers; d are the inverses of the factor's diagonal.
     """
-    n = jac.shape[1]
-    a = np.empty((6, 6))
-    largest = 0.0
-    for i in range(6):
-        for j in range(i + 1):
-            value = 0.0
-            for k in range(n):
-                if free[k]:
-                    value += jac[i, k] * jac[j, k]
-            a[i, j] = value
-        largest = max(largest, a[i, i])
-    for i in range(6):
-        a[i, i] += damping * largest + 1e-300
-    for i in range(6):
-        for j in range(i + 1):
-            value = a[i, j]
-            for k in range(j):
-                value -= a[i, k] * a[j, k]
-            a[i, j] = sqrt(max(value, 1e-30)) if i == j else value / a[j, j]
-    for i in range(6):
-        value = error[i]
-        for k in range(i):
-            value -= a[i, k] * out[k]
-        out[i] = value / a[i, i]
-    for i in range(5, -1, -1):
-        value = out[i]
-        for k in range(i + 1, 6):
-            value -= a[k, i] * out[k]
-        out[i] = value / a[i, i]
+    a00 = a10 = a11 = a20 = a21 = a22 = a30 = a31 = a32 = a33 = 0.0
+    a40 = a41 = a42 = a43 = a44 = a50 = a51 = a52 = a53 = a54 = a55 = 0.0
+    for k in range(jac.shape[1]):
+        if free[k]:
+            x0, x1, x2, x3, x4, x5 = jac[0, k], jac[1, k], jac[2, k], jac[3, k], jac[4, k], jac[5, k]
+            a00, a10, a20, a30, a40, a50 = (
+                *(a00 + x0 * x0, a10 + x1 * x0, a20 + x2 * x0),
+                *(a30 + x3 * x0, a40 + x4 * x0, a50 + x5 * x0),
+            )
+            a11, a21, a31, a41, a51 = (
+                a11 + x1 * x1,
+                a21 + x2 * x1,
+                a31 + x3 * x1,
+                a41 + x4 * x1,
+                a51 + x5 * x1,
+            )
+            a22, a32, a42, a52 = a22 + x2 * x2, a32 + x3 * x2, a42 + x4 * x2, a52 + x5 * x2
+            a33, a43, a53 = a33 + x3 * x3, a43 + x4 * x3, a53 + x5 * x3
+            a44, a54, a55 = a44 + x4 * x4, a54 + x5 * x4, a55 + x5 * x5
+    least, more = 1e-30, damping * max(a00, a11, a22, a33, a44, a55) + 1e-300
+    d0 = 1.0 / sqrt(max(a00 + more, least))
+    a10, a20, a30, a40, a50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
+    d1 = 1.0 / sqrt(max(a11 + more - a10 * a10, least))
+    a21, a31 = (a21 - a20 * a10) * d1, (a31 - a30 * a10) * d1
+    a41, a51 = (a41 - a40 * a10) * d1, (a51 - a50 * a10) * d1
+    d2 = 1.0 / sqrt(max(a22 + more - a20 * a20 - a21 * a21, least))
+    a32 = (a32 - a30 * a20 - a31 * a21) * d2
+    a42 = (a42 - a40 * a20 - a41 * a21) * d2
+    a52 = (a52 - a50 * a20 - a51 * a21) * d2
+    d3 = 1.0 / sqrt(max(a33 + more - a30 * a30 - a31 * a31 - a32 * a32, least))
+    a43 = (a43 - a40 * a30 - a41 * a31 - a42 * a32) * d3
+    a53 = (a53 - a50 * a30 - a51 * a31 - a52 * a32) * d3
+    d4 = 1.0 / sqrt(max(a44 + more - a40 * a40 - a41 * a41 - a42 * a42 - a43 * a43, least))
+    a54 = (a54 - a50 * a40 - a51 * a41 - a52 * a42 - a53 * a43) * d4
+    d5 = 1.0 / sqrt(max(a55 + more - a50 * a50 - a51 * a51 - a52 * a52 - a53 * a53 - a54 * a54, least))
+    y0 = error[0] * d0
+    y1 = (error[1] - a10 * y0) * d1
+    y2 = (error[2] - a20 * y0 - a21 * y1) * d2
+    y3 = (error[3] - a30 * y0 - a31 * y1 - a32 * y2) * d3
+    y4 = (error[4] - a40 * y0 - a41 * y1 - a42 * y2 - a43 * y3) * d4
+    y5 = (error[5] - a50 * y0 - a51 * y1 - a52 * y2 - a53 * y3 - a54 * y4) * d5
+    x5 = y5 * d5
+    x4 = (y4 - a54 * x5) * d4
+    x3 = (y3 - a43 * x4 - a53 * x5) * d3
+    x2 = (y2 - a32 * x3 - a42 * x4 - a52 * x5) * d2
+    x1 = (y1 - a21 * x2 - a31 * x3 - a41 * x4 - a51 * x5) * d1
+    x0 = (y0 - a10 * x1 - a20 * x2 - a30 * x3 - a40 * x4 - a50 * x5) * d0
+    out[0], out[1], out[2], out[3], out[4], out[5] = x0, x1, x2, x3, x4, x5
 
 
 @kernel
@@ -321,11 +342,10 @@ def reach_pose(
     """
     largest_step = 0.3  # rad, of a joint in one iteration
     at_limit = 1e-12  # rad, from a limit, where a joint is held; far below all residuals that are asked for
-    gain = how.gain
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
-    rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    jac, error, rest, dual = np.empty((6, n)), np.empty(6), np.empty(6), np.empty(6)
-    step, free = np.empty(n), np.ones(n, dtype=np.bool_)
+    rotations, points, jac = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
+    rows, free = np.empty((5, max(6, n))), np.empty(n, dtype=np.bool_)
+    error, rest, dual, wish, step = rows[0], rows[1], rows[2], rows[3], rows[4]
     residual, moved = np.inf, np.inf
     for iteration in range(how.most + 1):
         place_arm(chains, arm, q, rotations, points)
@@ -335,20 +355,20 @@ def reach_pose(
         jacobian(chains, arm, rotations, points, jac)
         damping = 1e-4 * min(1.0, 100.0 * residual * residual) + 1e-12
         for k in range(n):
-            free[k] = True
+            wish[k], free[k] = how.gain * (pull[first + k] - q[first + k]), True
         for _ in range(3):
             for i in range(6):
                 rest[i] = error[i]
                 for k in range(n):
                     if free[k]:
-                        rest[i] -= jac[i, k] * gain * (pull[first + k] - q[first + k])
+                        rest[i] -= jac[i, k] * wish[k]
             solve_damped(jac, free, damping, rest, dual)
             largest, settled = 0.0, True
             for k in range(n):
                 step[k] = 0.0
                 if not free[k]:
                     continue
-                step[k] = gain * (pull[first + k] - q[first + k])
+                step[k] = wish[k]
                 for i in range(6):
                     step[k] += jac[i, k] * dual[i]
                 largest = max(largest, abs(step[k]))

@@ -15,7 +15,8 @@ from comove.robots.motion import JointMotion
 from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, follow_one, hand_rotation
 
-EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-9, most=60)
+EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-5, most=60)
+"""Iteration for samples that begin near to their joints: after a last step of 1e-5 rad these are off by 1e-8 rad."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +146,11 @@ def tracked(arms: Arms, nodes: Array, posture: Array, how: Iteration) -> tuple[A
     joints, residual = posture.copy(), np.zeros((n_steps, chains.first.shape[0] - 1))
     rotation = np.empty((3, 3))
     for t in range(n_steps):
-        for j in range(joints.shape[1]):  # as far from the posture as in the sample before
+        for j in range(joints.shape[1]):  # as far from the posture as the samples before tell
             off = 0.0 if t == 0 else joints[t - 1, j] - posture[t - 1, j]
+            if t > 2:
+                before, first = joints[t - 2, j] - posture[t - 2, j], joints[t - 3, j] - posture[t - 3, j]
+                off += 2.0 * (off - before) - (before - first)
             joints[t, j] = inside(chains, j, posture[t, j] + off, 0.0)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(arms.around, nodes[t], i, rotation)
