@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from comove.arrays import Array
 from comove.planning.planner import PlannerSettings, plan
 from comove.planning.spacetime import plan_in_time
-from comove.verification.verify import Check
+from comove.verification.verify import Check, CheckOfVerified, VerifiedMotion
 
 if TYPE_CHECKING:
     from comove.model.motion import CoordinatedMotion
@@ -145,7 +145,7 @@ class LimitedKinematics(Kinematics):
         """
 
     @abstractmethod
-    def reasons(self, motion: CoordinatedMotion) -> Sequence[str]:
+    def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> Sequence[str]:
         """Return the reasons why a motion cannot be executed, verified exactly; none if it can."""
 
     @property
@@ -160,7 +160,7 @@ class LimitedKinematics(Kinematics):
     @property
     def checks(self) -> tuple[Check, ...]:
         """Return the check of whether a motion can be executed."""
-        return (self.reasons,)
+        return (CheckOfVerified(self.reasons),)
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
         """Return an evaluation of rollouts with the penalties of `ask`, and which of them look possible."""

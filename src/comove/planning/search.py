@@ -308,9 +308,11 @@ class Search:
         verdict = verify(motion)
         if verdict.verified is not None and (self.checks or self.asked is not None):
             self.clock.add_work(self.kinematics.work_of_check)
-            handed = verify(self.handed(motion), self.checks)
-            if handed.verified is None:
-                verdict = replace(verdict, verified=None, reasons=handed.reasons)
+            handed = self.handed(motion)
+            checked = verdict if handed is motion else verify(handed)
+            checked = checked.checked(handed, self.checks)
+            if checked.verified is None:
+                verdict = replace(verdict, verified=None, reasons=checked.reasons)
         if verdict.verified is None:
             violation = self._violation(verdict)
             if self.found.attempt is None or violation < self.found.attempt_violation:

@@ -55,6 +55,7 @@ from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
+from comove.verification.verify import VerifiedMotion
 
 
 @dataclass(frozen=True)
@@ -437,7 +438,7 @@ class RobotCarrier(LimitedKinematics):
         course = self.best_course(sampled_nodes(motion))
         return track(self.robot, self.holders, self.arms, motion, course, haste=haste)
 
-    def reasons(self, motion: CoordinatedMotion) -> tuple[str, ...]:
+    def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot carry out a motion; none if it can."""
         return self._carried_out(motion, self.settings.slack)[1].reasons
 
@@ -445,8 +446,11 @@ class RobotCarrier(LimitedKinematics):
         """Compute and verify the joints that follow a motion of the hands, with bounds as tight as they can be."""
         return self._carried_out(motion, 0.0)
 
-    def _carried_out(self, motion: CoordinatedMotion, slack: float) -> tuple[JointMotion, JointVerdict]:
+    def _carried_out(
+        self, given: CoordinatedMotion | VerifiedMotion, slack: float
+    ) -> tuple[JointMotion, JointVerdict]:
         """Compute and verify the joints that follow a motion; what is verified is kept."""
+        motion = given.motion if isinstance(given, VerifiedMotion) else given
         known = [(tight, result) for of, tight, result in self.kept if of is motion]
         for tight, result in known:
             if tight <= slack:
@@ -457,7 +461,7 @@ class RobotCarrier(LimitedKinematics):
             joints, miss = self.track(motion, haste=self.settings.haste if slack > 0.0 else 1)
             if miss is not None:
                 return joints, JointVerdict(None, JointReport(), (str(miss),))
-        result = joints, verify_joints(self.robot, motion, joints, slack=slack)
+        result = joints, verify_joints(self.robot, given, joints, slack=slack)
         self._recall(*result)
         if result[1].verified is not None:
             self.kept.append((motion, slack, result))

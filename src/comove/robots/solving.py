@@ -417,7 +417,7 @@ def _on_time(found: Solution, carrier: RobotCarrier, checks: Sequence[Check]) ->
     """Return the same motion in the duration of a carrier's scene, verified."""
     scene = carrier.scene
     motion = found.attempt.on(scene)
-    verdict = verify(motion, [*checks, carrier.reasons])
+    verdict = verify(motion, [*checks, *carrier.checks])
     solution = replace(
         found,
         scene=scene,

@@ -8,7 +8,7 @@ Hands of different blocks are bounded by their derivatives between the knots.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import InitVar, asdict, dataclass, field
 from typing import Any, ClassVar, NamedTuple, NoReturn, Protocol, Self
 
@@ -278,6 +278,30 @@ class VerifiedMotion(Sealed):
         return comove.as_html(self)
 
 
+class Check(Protocol):
+    """A further check, which takes the motion and returns the reasons against it (none: passed)."""
+
+    def __call__(self, motion: CoordinatedMotion) -> Sequence[str]:
+        """Return the reasons against `motion`."""
+
+
+@dataclass(frozen=True)
+class CheckOfVerified:
+    """A further check that takes a motion as verified as it is, and so need not verify it anew.
+
+    Attributes
+    ----------
+    check : function that takes the `VerifiedMotion` of a motion that keeps all that its scene asks for, or the motion
+        itself where it does not, and returns the reasons against it
+    """
+
+    check: Callable[[CoordinatedMotion | VerifiedMotion], Sequence[str]]
+
+    def __call__(self, motion: CoordinatedMotion) -> Sequence[str]:
+        """Return the reasons against `motion`."""
+        return self.check(motion)
+
+
 @dataclass(frozen=True)
 class Verdict:
     """The judgement on a motion.
@@ -293,12 +317,16 @@ class Verdict:
     report: Report
     reasons: tuple[str, ...]
 
-
-class Check(Protocol):
-    """A further check, which takes the motion and returns the reasons against it (none: passed)."""
-
-    def __call__(self, motion: CoordinatedMotion) -> Sequence[str]:
-        """Return the reasons against `motion`."""
+    def checked(self, motion: CoordinatedMotion, checks: Sequence[Check]) -> Verdict:
+        """Return the verdict after further checks of the same motion."""
+        reasons = list(self.reasons)
+        for check in checks:
+            if self.verified is not None and isinstance(check, CheckOfVerified):
+                told = check.check(self.verified)
+            else:
+                told = check(motion)
+            reasons.extend([told] if isinstance(told, str) else told)
+        return Verdict(None if reasons else self.verified, self.report, tuple(reasons))
 
 
 def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
@@ -355,11 +383,8 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     reasons += broken_limits(report, scene, END_SPEED)
     if not clearance.lower >= scene.clearance:
         reasons.append(_contact(motion, clearance))
-    for check in checks:
-        told = check(motion)
-        reasons.extend([told] if isinstance(told, str) else told)
     verified = None if reasons else VerifiedMotion(motion, report, seal=_SEAL)
-    return Verdict(verified, report, tuple(reasons))
+    return Verdict(verified, report, tuple(reasons)).checked(motion, checks)
 
 
 def support_measures(scene: Scene, nodes: Array, lower: float, time: Array | None = None) -> dict[str, Any]:
