@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from comove.arrays import Array
 from comove.planning.planner import PlannerSettings, plan
 from comove.planning.spacetime import plan_in_time
-from comove.verification.verify import Check, CheckOfVerified, VerifiedMotion
+from comove.verification.verify import Check
 
 if TYPE_CHECKING:
     from comove.model.motion import CoordinatedMotion
@@ -95,6 +95,15 @@ class Kinematics:
         """
         return value
 
+    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
+        """Return a function of a movement's number: penalty of what is impossible, and whether it looks possible.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+        """
+        return lambda k: (0.0, True)
+
     def shortest(self, motion: CoordinatedMotion) -> float:
         """Return the least duration in which a movement can be executed [s], inf if it never can."""
         return 0.0
@@ -144,8 +153,17 @@ class LimitedKinematics(Kinematics):
         penalty, possible : arrays, shape (n_rollouts,)
         """
 
+    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
+        """Return a function that asks as `ask` does about one of some movements, by its number."""
+
+        def ask(k: int) -> tuple[float, bool]:
+            (penalty,), (possible,) = self.ask(nodes[k : k + 1])
+            return float(penalty), bool(possible)
+
+        return ask
+
     @abstractmethod
-    def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> Sequence[str]:
+    def reasons(self, motion: CoordinatedMotion) -> Sequence[str]:
         """Return the reasons why a motion cannot be executed, verified exactly; none if it can."""
 
     @property
@@ -160,7 +178,7 @@ class LimitedKinematics(Kinematics):
     @property
     def checks(self) -> tuple[Check, ...]:
         """Return the check of whether a motion can be executed."""
-        return (CheckOfVerified(self.reasons),)
+        return (self.reasons,)
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
         """Return an evaluation of rollouts with the penalties of `ask`, and which of them look possible."""

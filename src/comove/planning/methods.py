@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count
+from itertools import chain, count, islice
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -384,16 +384,12 @@ class Comove(Method):
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
             basis = search.basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
-            value = search.evaluate_best(dmp, weights, self.settings.n_asked)
-            sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
-            possible = np.broadcast_to(value.possible, sound.shape)
-            missed = np.where(sound, 0.0, 100.0) + np.where(possible, 0.0, 10.0)
-            rank = search.objective.search_value(value) + missed
-            gentlest = np.argmin(np.maximum(*search.objective.limit_ratios(value)) + missed)
-            for i in (*np.argsort(rank, kind="stable")[: self.settings.n_certified], gentlest):
+            candidates = search.candidates(dmp, weights, self.settings.n_asked)
+            value, some = candidates.value, islice(candidates.best_first(), self.settings.n_certified)
+            for i in chain(some, (candidates.gentlest for _ in range(1))):
                 if search.found.attempt is not None:  # one is judged even if time is up
                     search.check_time()
-                if sound[i] and not possible[i]:
+                if candidates.sound[i] and not candidates.possible[i]:
                     doubted += 1
                     if doubted > self.settings.most_doubted:  # of its own check, which knows exactly
                         break
@@ -402,9 +398,10 @@ class Comove(Method):
             # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
             spoilt = self.settings.hopeless if search.scene.moving.any() else 0.0
             free = value.clearance > search.scene.clearance - spoilt
-            if hopeful is None and free.any():
-                hopeful = replace(dmp, weights=weights[np.where(free, rank, np.inf).argmin()])
-        return self._mended(search, hopeful) if mend and hopeful is not None else None
+            if mend and hopeful is None and free.any():
+                candidates.ask_all()
+                hopeful = replace(dmp, weights=weights[np.where(free, candidates.rank, np.inf).argmin()])
+        return None if hopeful is None else self._mended(search, hopeful)
 
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
         """Return a verified motion near a rejected one and its cost; None if none was found."""

@@ -7,9 +7,10 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
@@ -178,6 +179,69 @@ class Journal:
     log: dict[str, float | list[float]] = field(default_factory=dict)
 
 
+@dataclass(eq=False)
+class Candidates:
+    """A population of rollouts; the best come first.
+
+    It takes arms long to follow a movement: they are asked about one rollout after the other, and only while the
+    answer may change which comes next. Others but those that are worth it count as impossible.
+
+    Attributes
+    ----------
+    objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties as far as they
+        were asked for
+    possible : array, shape (n_rollouts,), whether the kinematics may execute them
+    unasked : functions that return penalty and possibility, by the number of the rollout
+    """
+
+    objective: Objective
+    value: Evaluation
+    possible: NDArray[np.bool_]
+    unasked: dict[int, Callable[[], tuple[float, bool]]] = field(default_factory=dict)
+
+    @cached_property
+    def sound(self) -> NDArray[np.bool_]:
+        """Return which rollouts are feasible but for the kinematics; array, shape (n_rollouts,)."""
+        return self.objective.feasible(self.value._replace(possible=np.ones(len(self.possible), dtype=bool)))
+
+    @property
+    def missed(self) -> Array:
+        """Return what rollouts rank later for: what the objective or the kinematics refuse."""
+        return np.where(self.sound, 0.0, 100.0) + np.where(self.possible, 0.0, 10.0)
+
+    @property
+    def rank(self) -> Array:
+        """Return the values by which rollouts come one after the other; array, shape (n_rollouts,)."""
+        return self.objective.search_value(self.value) + self.missed
+
+    @property
+    def gentlest(self) -> int:
+        """Return the number of the rollout that makes least use of the limits."""
+        self.ask_all()
+        return int(np.argmin(np.maximum(*self.objective.limit_ratios(self.value)) + self.missed))
+
+    def best_first(self) -> Iterator[int]:
+        """Yield the numbers of the rollouts; no penalty of kinematics is negative, so what is ahead stays so."""
+        left = np.ones(len(self.possible), dtype=bool)
+        while left.any():
+            order = np.argsort(self.rank, kind="stable")
+            best = int(order[left[order]][0])
+            if best in self.unasked:
+                self._ask(best)
+            else:
+                left[best] = False
+                yield best
+
+    def ask_all(self) -> None:
+        """Ask the kinematics about all rollouts that they were not asked about yet."""
+        for number in list(self.unasked):
+            self._ask(number)
+
+    def _ask(self, number: int) -> None:
+        penalty, self.possible[number] = self.unasked.pop(number)()
+        self.value.penalty[number] += penalty
+
+
 @dataclass
 class Search:
     """The state of a search, with which a method works.
@@ -281,26 +345,30 @@ class Search:
         self.clock.add_work(self.kinematics.work_of_rollout * len(weights))
         return self.kinematics.followed(objective.evaluate(q, size), objective, q)
 
-    def evaluate_best(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Evaluation:
-        """Evaluate a population as `evaluate` does, but ask the kinematics about the best of them only.
-
-        It takes arms long to follow a movement; all others count as impossible.
-        """
+    def candidates(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Candidates:
+        """Evaluate a population as `evaluate` does, but ask limited kinematics about the best of them only, later."""
         kinematics, objective = self.kinematics, self.objective
-        if not kinematics.has_limits or len(weights) <= n_asked:
-            return self.evaluate(objective, dmp, weights)
         self.count(len(weights), self._work_of_rollout)
-        self.clock.add_work(kinematics.work_of_rollout * n_asked)
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q)
-        missed = np.where(objective.feasible(value), 0.0, 100.0)
-        gentlest = np.argmin(np.maximum(*objective.limit_ratios(value)) + missed)
-        ranked = np.argsort(objective.search_value(value) + missed, kind="stable")
-        best = np.unique(np.append(ranked[: n_asked - 1], gentlest))
-        possible, penalty = np.zeros(len(weights), dtype=bool), value.penalty.copy()
-        asked = kinematics.followed(value._replace(penalty=penalty[best]), objective, q[best])
-        penalty[best], possible[best] = asked.penalty, asked.possible
-        return value._replace(penalty=penalty, possible=possible)
+        possible, every = np.ones(len(weights), dtype=bool), np.arange(len(weights))
+        if not kinematics.has_limits:
+            return Candidates(objective, value, possible)
+        self.clock.add_work(kinematics.work_of_rollout * min(n_asked, len(weights)))
+        if len(weights) > n_asked:
+            missed = np.where(objective.feasible(value), 0.0, 100.0)
+            gentlest = np.argmin(np.maximum(*objective.limit_ratios(value)) + missed)
+            ranked = np.argsort(objective.search_value(value) + missed, kind="stable")
+            every = np.unique(np.append(ranked[: n_asked - 1], gentlest))
+            possible[:] = False
+            possible[every] = True
+        ask = kinematics.asking(objective.coordinates.nodes(q[every]))
+        return Candidates(
+            objective,
+            value._replace(penalty=value.penalty.copy()),
+            possible,
+            {number: partial(ask, k) for k, number in enumerate(every.tolist())},
+        )
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion, and keep it if it is the best. Further checks, which may be slow, come last."""

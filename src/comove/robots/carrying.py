@@ -39,7 +39,7 @@ from comove.robots.ends import (
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
-from comove.robots.search.following import MET, Arms, Strain, follow
+from comove.robots.search.following import MET, Arms, Strain, course_penalties, follow
 from comove.robots.search.links import (
     FAT,
     FATTEST,
@@ -55,7 +55,7 @@ from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
-from comove.verification.verify import VerifiedMotion
+from comove.verification.verify import Check, CheckOfVerified, VerifiedMotion
 
 
 @dataclass(frozen=True)
@@ -409,12 +409,32 @@ class RobotCarrier(LimitedKinematics):
         -------
         penalty, possible : arrays, shape (n_rollouts,)
         """
+        nodes = self._sampled(nodes)
+        return self._asked(nodes, self.best_course(nodes[0]), self.arms)
+
+    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
+        """Return a function that computes the same, with the links as they are now, for the motion of a number."""
+        nodes, courses, arms = self._sampled(nodes), list[Array](), self.arms
+
+        def ask(k: int) -> tuple[float, bool]:
+            if not courses:
+                courses.append(self.best_course(nodes[0]))
+            (penalty,), (possible,) = self._asked(nodes[k : k + 1], courses[0], arms)
+            return float(penalty), bool(possible)
+
+        return ask
+
+    def _sampled(self, nodes: Array) -> Array:
+        """Return the nodes at those samples of movements that arms are asked about."""
         n = self.settings.n_samples
         if self.scene.moving.any():  # even times tell where obstacles are
             n = 1 + next(k for k in range(n - 1, nodes.shape[1]) if (nodes.shape[1] - 1) % k == 0)
         steps = np.linspace(0, nodes.shape[1] - 1, n).round().astype(int)
-        nodes = np.ascontiguousarray(nodes[:, steps])
-        strain, around = self.strain(nodes, self.best_course(nodes[0])), self.arms.around
+        return np.ascontiguousarray(nodes[:, steps])
+
+    def _asked(self, nodes: Array, course: Array, arms: Arms) -> tuple[Array, NDArray[np.bool_]]:
+        """Compute `ask` on a course."""
+        strain, around = self.strain(nodes, course, arms), arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
         return (strain.penalty + self.settings.ease * strain.jolt).sum(axis=1) + strain.contact, possible
@@ -441,6 +461,11 @@ class RobotCarrier(LimitedKinematics):
     def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot carry out a motion; none if it can."""
         return self._carried_out(motion, self.settings.slack)[1].reasons
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return the check of whether a motion can be executed."""
+        return (CheckOfVerified(self.reasons),)
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
         """Compute and verify the joints that follow a motion of the hands, with bounds as tight as they can be."""
@@ -599,10 +624,12 @@ class RobotCarrier(LimitedKinematics):
         follower = self.along(nodes[0])
         follower.slopes(coordinates.blocks, straight.knots[0], *follower.follow(nodes[0]))
 
-    def strain(self, nodes: Array, course: Array) -> Strain:
+    def strain(self, nodes: Array, course: Array, arms: Arms | None = None) -> Strain:
         """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""
+        arms = arms or self.arms
+        if len(nodes) == 1:
+            return Strain(*follow(arms, nodes, course, self.scene.duration))
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
-        arms = self.arms
         done = THREADS.map(lambda part: follow(arms, part, course, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
@@ -625,27 +652,27 @@ class RobotCarrier(LimitedKinematics):
             cost = self._cost(strain)
             if n_most == 1 or (kept and cost[0] < 2):
                 return led
-        tried = [
-            np.hstack(
-                [self._onward(i, starts[min(k, len(starts) - 1)]) for i, starts in enumerate(self.starts)]
-            )
-            for k in range(n_most)
-        ]
+        joined = [self._onward(i) for i in range(len(self.starts))]
+        tried = np.concatenate(
+            [each[np.minimum(np.arange(n_most), len(each) - 1)] for each in joined], axis=2
+        )
         if n_most == 1 and not bound:
             return tried[0]
-        penalties = np.array([self.strain(nodes, course).penalty[0] for course in tried])
-        best, first = penalties.argmin(axis=0), self.arms.chains.first
+        best = course_penalties(self.arms, nodes[0], tried, self.scene.duration).argmin(axis=0)
+        first = self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
         if bound and not self._admits(*chosen):
             return self._pairs[0] if led is None else led
         return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
 
-    def _onward(self, i: int, start: Array) -> Array:
-        """Return the joints of arm i at a start, and the nearest ones of its goals; array, shape (2, n_joints)."""
-        chains = self.arms.chains
-        part = self.ends.part(i)
-        goals = (turned_towards(chains, start, goal, part) for goal in self.goals[i])
-        return np.stack([start, min(goals, key=lambda goal: apart(start, goal))])
+    def _onward(self, i: int) -> Array:
+        """Return each of the joints of arm i at the start, and those of its goals that are nearest to them; array,
+        shape (n_starts, 2, n_joints of the arm).
+        """
+        starts = self.starts[i]
+        goals = turned_towards(self.arms.chains, starts[:, None], self.goals[i], self.ends.part(i))
+        away = np.abs(starts[:, None] - goals).max(axis=2).round(DIGITS)
+        return np.stack([starts, goals[np.arange(len(starts)), away.argmin(axis=1)]], axis=1)
 
     def _cost(self, strain: Strain) -> tuple[int, float]:
         """Return how tight it is for links in one motion, and its penalty.

@@ -156,8 +156,7 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
     nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
     course : array, shape (2, n_joints), joints at start and goal; the first pose is solved from the former
     """
-    wished = 0.15  # rad, of margin to the limits, below which it costs something
-    chains, around = arms.chains, arms.around
+    chains = arms.chains
     n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
     missing, penalty = np.zeros((n_rollouts, n_arms)), np.zeros((n_rollouts, n_arms))
     rates, jolt = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
@@ -168,21 +167,62 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
         for i in range(n_arms):
             for t in range(n_steps):
                 missing[k, i] = max(missing[k, i], left[t, i])
-                if left[t, i] > MET:
-                    penalty[k, i] += (1.0 + 50.0 * left[t, i]) / n_steps
         clearance[k], contact[k] = _contact(arms, q, nodes[k])
-        for i in range(n_arms):
-            for t in range(n_steps):
-                least = np.inf
-                for j in range(chains.first[i], chains.first[i + 1]):
-                    least = min(least, q[t, j] - chains.lower[j], chains.upper[j] - q[t, j])
-                penalty[k, i] += 2.0 * max(0.0, wished - least) / n_steps
-        _rates(arms, q, nodes[k], duration / (n_steps - 1), rates[k], jolt[k])
-        for i in range(n_arms):
-            for ratio in rates[k, i]:
-                if ratio > around.share:
-                    penalty[k, i] += 0.05 + (ratio - around.share)
+        _demand(arms, nodes[k], q, left, duration, rates[k], jolt[k], penalty[k])
     return missing, rates, jolt, penalty, clearance, contact
+
+
+@kernel(nogil=True)
+def course_penalties(arms: Arms, nodes: Array, courses: Array, duration: float) -> Array:
+    """Compute the penalties of the arms, as in `Strain`, on several courses along one motion.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_steps, n_nodes, 3), as in `follow`
+    courses : array, shape (n_courses, 2, n_joints)
+
+    Returns
+    -------
+    array, shape (n_courses, n_arms)
+    """
+    n_steps, n_arms = nodes.shape[0], arms.chains.first.shape[0] - 1
+    penalty, rates, jolt = np.zeros((courses.shape[0], n_arms)), np.empty((n_arms, 3)), np.empty(n_arms)
+    q, left = np.empty((n_steps, courses.shape[2])), np.empty((n_steps, n_arms))
+    for k in range(courses.shape[0]):
+        rates[:], jolt[:] = 0.0, 0.0
+        follow_one(arms, nodes, courses[k], q, left)
+        _demand(arms, nodes, q, left, duration, rates, jolt, penalty[k])
+    return penalty
+
+
+@kernel
+def _demand(
+    arms: Arms,
+    nodes: Array,
+    q: Array,
+    left: Array,
+    duration: float,
+    rates: Array,
+    jolt: Array,
+    penalty: Array,
+) -> None:
+    """Add what one motion demands of the arms, by themselves, to rates, jolts and penalties as in `Strain`."""
+    wished = 0.15  # rad, of margin to the limits, below which it costs something
+    chains, n_steps = arms.chains, nodes.shape[0]
+    for i in range(chains.first.shape[0] - 1):
+        for t in range(n_steps):
+            if left[t, i] > MET:
+                penalty[i] += (1.0 + 50.0 * left[t, i]) / n_steps
+        for t in range(n_steps):
+            least = np.inf
+            for j in range(chains.first[i], chains.first[i + 1]):
+                least = min(least, q[t, j] - chains.lower[j], chains.upper[j] - q[t, j])
+            penalty[i] += 2.0 * max(0.0, wished - least) / n_steps
+    _rates(arms, q, nodes, duration / (n_steps - 1), rates, jolt)
+    for i in range(chains.first.shape[0] - 1):
+        for ratio in rates[i]:
+            if ratio > arms.around.share:
+                penalty[i] += 0.05 + (ratio - arms.around.share)
 
 
 @kernel
