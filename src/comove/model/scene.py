@@ -312,9 +312,20 @@ class Scene:
         SceneError
             If the scene contradicts itself in that way.
         """
+        number = next((k for k, own in enumerate(self.file.choices or ()) if own is choice), None)
+        if (number, angle) in self._put_down:
+            return self._put_down[number, angle]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
-            return _worded(chosen(self.file, turned_goal(choice, angle)), self.words, self.folder, self.path)
+            scene = _worded(chosen(self.file, turned_goal(choice, angle)), self.words, self.folder, self.path)
+        if number is not None:
+            self._put_down[number, angle] = scene
+        return scene
+
+    @cached_property
+    def _put_down(self) -> dict[tuple[int | None, float], Scene]:
+        """Return the scenes of the choices that were put down, by number and angle."""
+        return {}
 
     def ways_to(self, goal: PayloadPose | None) -> tuple[Scene, ...]:
         """Return the alternatives, and those of the choices with a free goal whose goal may be the given one."""

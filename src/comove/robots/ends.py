@@ -29,6 +29,7 @@ from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearances_a
 from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
 from comove.robots.verification.carried import Carried
+from comove.robots.verification.certificate import are_clear
 from comove.robots.verification.kinematics import Bases
 
 
@@ -197,7 +198,7 @@ class EndJoints:
 
         Arrays, shape (n_branches, n_joints of the arm), as `starts`; NaN where an arm cannot follow it.
         """
-        motion, led = Carried.straight(self.scene).motion, [np.full_like(joints, np.nan) for joints in starts]
+        motion, led = _straight(self.scene).motion, [np.full_like(joints, np.nan) for joints in starts]
         nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, n_steps)))[0]
         nodes, left = np.ascontiguousarray(nodes), np.empty((n_steps, len(starts)))
         q = np.empty((n_steps, len(self.present)))
@@ -301,11 +302,15 @@ class EndJoints:
         branches : joints at the end, by arm; arrays, shape (n_branches, n_joints)
         """
         robot, nodes, q, first = self.robot, self.scene.nodes_at(end), self.robot.home, ""
-        bases, carried = Bases(robot, robot.description.uncertainty), Carried.straight(self.scene)
+        bases, time = Bases(robot, robot.description.uncertainty), self.scene.time_at(end)
+        carried = _straight(self.scene)
         bodies = bodies_of(bases, self.holders, carried, nodes[None, : len(self.holders)], 0.0)
-        room = Room(bodies.placed_at(nodes, self.scene.time_at(end)), robot.arms, np.zeros(len(bodies.kind)))
+        room: Room | None = None
         for joints in product(*branches):
             q[self.columns] = np.concatenate(joints)
+            if are_clear(bodies, q, nodes, time):
+                return ""
+            room = room or Room(bodies.placed_at(nodes, time), robot.arms, np.zeros(len(bodies.kind)))
             if not (near := room.contact(q)):
                 return ""
             first = first or near
@@ -443,6 +448,11 @@ class EndJoints:
             f"{shift:.3g} m and {turn:.3g} degrees are missing",
             way_out,
         )
+
+
+@lru_cache(maxsize=4)
+def _straight(scene: Scene) -> Carried:
+    return Carried.straight(scene)
 
 
 @lru_cache(maxsize=32)

@@ -164,8 +164,12 @@ def _carried(
     wanted: dict[str, Any],
     method: Method | None,
     carriers: dict[str, Any],
+    tried: RobotCarrier | None = None,
 ) -> Procedure:
-    """Carry; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`."""
+    """Carry; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`.
+
+    `tried` is a carrier whose ends are solved and clear, in another duration; None where there is none yet.
+    """
     if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))
     (scene,) = scene.alternatives
@@ -176,11 +180,14 @@ def _carried(
     if (present := carriers["present"]) is not None:
         Retreat.on(scene.timed(at_leisure), robot, "start", present).require_apart()
     with compiling() as compiled:
-        carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
+        timed = scene.timed(at_leisure)
+        carrier = RobotCarrier(robot, timed, **carriers) if tried is None else tried.on(timed)
         carrier.require_reach()
         if _keeps_duration(scene, wanted["objective"]):
             carrier.require_room_for_obstacles()
-        if not scene.moving.any() and not carrier.is_clear_at_ends:  # by capsules, which are wider than links
+        if (
+            tried is None and not scene.moving.any() and not carrier.is_clear_at_ends
+        ):  # by capsules, which are wider than links
             carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
     search = partial(_in_time, scene, method, wanted)
@@ -316,7 +323,7 @@ def _by_some_grasp(
     with compiling() as compiled:
         kept = _keeps_duration(scene, wanted.get("objective") or objective_of_scene(scene.file.objective))
         ways = _clear_ways(scene, robot, carriers, kept)
-        choice: Scene | None = next(ways)
+        choice: tuple[Scene, RobotCarrier] | None = next(ways)
     begun += compiled.seconds
     best: Solution | None = None
     while choice is not None:
@@ -324,7 +331,7 @@ def _by_some_grasp(
         if best is not None and left.is_spent:
             break
         part = left if following is None else left.within(0.5 * left.size)
-        solution = yield from _carried(choice, robot, part, dict(wanted), method, carriers)
+        solution = yield from _carried(choice[0], robot, part, dict(wanted), method, carriers, choice[1])
         work += solution.effort.work
         if (solution.joints.verified and not solution.joints.without) or solution.interrupted:
             return solution
@@ -335,8 +342,12 @@ def _by_some_grasp(
     return best
 
 
-def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool) -> Iterator[Scene]:
+def _clear_ways(
+    scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
+) -> Iterator[tuple[Scene, RobotCarrier]]:
     """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
+
+    With each comes what carries it, in some duration.
 
     Where a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how
     far joints turn.
@@ -350,36 +361,48 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
     SceneError, RobotError
         If there is none.
     """
-    reach, n_found, first = Reach(robot, scene), 0, None
-    choices = scene.file.choices or ()
-    ways: Iterator[Callable[[], Scene]]
+    reach, n_found, choices = Reach(robot, scene), 0, scene.file.choices or ()
+    errors = dict[int, SceneError | RobotError]()
+    ways: list[Callable[[], Scene]]
     if len(choices) > RANKING.exact or any(choice.free is not None for choice in choices):
-        ways = (partial(scene.put_down, *way) for way in reach.ranked())
+        ways = [partial(scene.put_down, *way) for way in reach.ranked()]
     else:
-        ways = (partial(scene.alternatives.__getitem__, k) for k in range(len(scene.alternatives)))
+        ways = [partial(scene.alternatives.__getitem__, k) for k in range(len(scene.alternatives))]
+    later = not choices or len(ways) <= RANKING.exact  # the ends of others are not needed where one will do
+
+    def is_clear(k: int, carrier: RobotCarrier) -> bool:
+        try:
+            if kept or not carrier.scene.moving.any():
+                carrier.require_clear_ends()
+        except (SceneError, RobotError) as error:
+            errors[k] = error
+        return k not in errors
+
+    untried = iter(enumerate(ways))
     while True:
-        clear = list[tuple[float, Scene]]()
-        for way in ways:
+        tried = list[tuple[float, int, Scene, RobotCarrier]]()
+        for k, way in untried:
             try:
                 choice = way()
                 first_try = _first_duration(choice) if choice.moving.any() else 1.0
                 carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
                 carrier.require_reach()
-                if kept or not choice.moving.any():
-                    carrier.require_clear_ends()
-                clear.append((round(carrier.turning, 6), choice))
+                if later or is_clear(k, carrier):
+                    tried.append((round(carrier.turning, 6), k, choice, carrier))
             except (SceneError, RobotError) as error:
-                first = first or error
-            if choices and len(clear) == RANKING.exact:
+                errors[k] = error
+            if choices and len(tried) == RANKING.exact:
                 break
-        if not clear:
+        if not tried:
             break
-        n_found += len(clear)
-        yield from (choice for _, choice in sorted(clear, key=lambda one: one[0]))
+        for _, k, choice, carrier in sorted(tried, key=lambda one: one[:2]):
+            if not later or is_clear(k, carrier):
+                n_found += 1
+                yield choice, carrier
     if not n_found:
-        if first is None:  # which says what is missing
+        if not errors:  # which say what is missing
             RobotCarrier(robot, scene.put_down(reach.nearest()).timed(1.0), **carriers).require_reach()
-        raise first or RobotError("no arms reach the grasps", key="grasps")
+        raise errors[min(errors)] if errors else RobotError("no arms reach the grasps", key="grasps")
 
 
 def robot_method() -> Comove:

@@ -138,14 +138,7 @@ class CarryCourse:
         -------
         arrays, shape (n_steps, n_frames, 3, 3) and (n_steps, n_frames, 3) [m]
         """
-        turns, places = joint_placements(self.bodies.robot, self.curve(time))
-        turned, placed = self.bodies.placements(self.load.nodes(time), time)
-        if not turned:
-            return turns, places
-        return (
-            np.concatenate([turns, np.stack(turned, axis=1)], axis=1),
-            np.concatenate([places, np.stack(placed, axis=1)], axis=1),
-        )
+        return frames(self.bodies, self.curve(time), self.load.nodes(time), time)
 
     def intervals(self, number: Integers, parts: int) -> tuple[Intervals, Array]:
         """Return intervals of the motion, divided into `parts`, by number, and the instants at their ends and
@@ -168,6 +161,28 @@ class CarryCourse:
             ),
             time,
         )
+
+
+def frames(bodies: Bodies, q: Array, nodes: Array, time: Array) -> tuple[Array, Array]:
+    """Compute the placements of all frames at instants, array of shape (n_steps,) [s].
+
+    Parameters
+    ----------
+    q : array, shape (n_steps, n_joints) [rad, m for joints that slide]
+    nodes : array, shape (n_steps, n_nodes, 3), nodes of the load [m]
+
+    Returns
+    -------
+    arrays, shape (n_steps, n_frames, 3, 3) and (n_steps, n_frames, 3) [m]
+    """
+    turns, places = joint_placements(bodies.robot, q)
+    turned, placed = bodies.placements(nodes, time)
+    if not turned:
+        return turns, places
+    return (
+        np.concatenate([turns, np.stack(turned, axis=1)], axis=1),
+        np.concatenate([places, np.stack(placed, axis=1)], axis=1),
+    )
 
 
 class PairCells(NamedTuple):
@@ -222,15 +237,7 @@ def certify(
         once a pair is known to violate it. With all of it, no clearance is computed that need not be: convex hulls
         suffice where they keep what is required
     """
-    need = BoundTargets(
-        bodies.required,
-        np.full(3, np.inf),
-        np.full(3, -1, dtype=np.int64),
-        np.zeros(3, dtype=np.int64),
-        slack,
-        settings.tight,
-        settings.loose,
-    )
+    need = BoundTargets.none(bodies.required, slack, settings.tight, settings.loose)
     course, cells, parts = (
         CarryCourse(bodies, carried, curve),
         PairCells.first(bodies, settings.parts),
@@ -264,6 +271,30 @@ def certify(
         cells, parts = cells.divided(np.flatnonzero(~done)), 4 * parts
     columns = lower, need.upper, need.pair, when, weakest, around
     return [LinkClearance(*found) for found in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def are_clear(bodies: Bodies, q: Array, nodes: Array, time: float) -> bool:
+    """Return whether all pairs that joints move keep the required clearance at an instant.
+
+    Parameters
+    ----------
+    q : array, shape (n_joints,) [rad, m for joints that slide]
+    nodes : array, shape (n_nodes, 3), nodes of the load [m]
+    time : the instant, which tells where obstacles are that move [s]
+    """
+    cells, still = PairCells.first(bodies, 1), np.zeros((1, bodies.reach.shape[1]))
+    moved = bodies.joint_reach[cells.pair].any(axis=1)
+    cells = PairCells(cells.number[moved], cells.pair[moved], cells.normal[moved])
+    at = Intervals(
+        np.zeros((1, 3), dtype=np.int64),
+        *frames(bodies, q[None], nodes[None], np.array([time])),
+        still,
+        still[:, : bodies.robot.model.nv + 1],
+        0.0,
+    )
+    need = BoundTargets.none(bodies.required, 1.0, 0.0, 0.0)
+    bound, _ = Level(bodies, at, cells, np.zeros(len(cells.pair), dtype=np.int64), need).bounds()
+    return bool((bound >= bodies.required[bodies.kind[cells.pair]]).all())
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,9 +77,10 @@ def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | Non
     bodies = bodies.some((bodies.kind == SCENE) & ~moved & bodies.reach[:, robot.model.nv :].any(axis=1))
     ends = np.array([0.0, scene.duration])
     home = JointMotion(ends, robot.joint_names, np.stack([robot.home] * 2))
-    found = certify(bodies, carried, home.curve)[SCENE]
-    if found.upper >= float(bodies.required[SCENE]):
+    required = float(bodies.required[SCENE])
+    if certify(bodies, carried, home.curve, slack=1.0)[SCENE].upper >= required:
         return None
+    found = certify(bodies, carried, home.curve)[SCENE]
     return bodies.name(found.pair), found.upper, found.time
 
 

@@ -157,6 +157,12 @@ class BoundTargets(NamedTuple):
     tight: float
     loose: float
 
+    @classmethod
+    def none(cls, required: Array, slack: float, tight: float, loose: float) -> BoundTargets:
+        """Return what suffices while no distance is computed."""
+        nowhere = np.full(3, -1, dtype=np.int64), np.zeros(3, dtype=np.int64)
+        return cls(required, np.full(3, np.inf), *nowhere, slack, tight, loose)
+
 
 @kernel
 def note(need: BoundTargets, kind: int, pair: int, knot: int, distance: float) -> None:
