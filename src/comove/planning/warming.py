@@ -74,7 +74,7 @@ JOBS: dict[str, WarmUpJob] = {
 }
 
 
-_tried: set[str] = set()
+_tried: set[str] = set()  # or known to be finished
 
 
 def require(*names: str) -> None:
@@ -83,8 +83,10 @@ def require(*names: str) -> None:
     Nothing is waited for where compiled kernels cannot be kept. The kernels of a job that fails, or of processes that
     cannot be started, are compiled when they are first called.
     """
-    done = _tried | finished()
-    missing = [name for name in names if name not in done]
+    if _tried.issuperset(names):
+        return
+    _tried.update(finished())
+    missing = [name for name in names if name not in _tried]
     if not missing or folder() is None:
         return
     _tried.update(missing)  # before, as a job may solve a problem that requires it

@@ -6,7 +6,6 @@ Capsules are fast, and wider than the bodies that they hold. The verification wo
 from __future__ import annotations
 
 from functools import lru_cache
-from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,11 +99,14 @@ class Links(NamedTuple):
     arm : array, shape (n_links,), index of the arm, -1 for a link that does not move
     start, end : arrays, shape (n_links, 3), ends of the capsule's axis [m]; in the scene's frame for static links
     radius : array, shape (n_links,), radius of the capsule [m]
+    reach : array, shape (n_links,), radius of the ball about its middle that holds it [m]
     pairs : array, shape (n_pairs, 2), pairs of links that must not meet, run by run
     wider : array, shape (n_pairs,), amount by which the capsules of a pair are nearer than its bodies [m]
     runs : array, shape (n_runs, 4), the groups of both links, then first and last (exclusive) row of the pairs
     group : array, shape (n_links,), group of links that move together
     group_radius : array, shape (n_groups,), radius of a ball about the mean of a group's middles that holds it [m]
+    group_center : array, shape (n_groups, 3), that mean of a group that does not move [m]; zeros for others
+    group_count : array, shape (n_groups,), number of the links of a group
     holds : array, shape (n_links,), whether the link is part of the hand, which touches the load
     moving : array, shape (n_moving,), indices of the links that move, arm by arm
     """
@@ -114,11 +116,14 @@ class Links(NamedTuple):
     start: Array
     end: Array
     radius: Array
+    reach: Array
     pairs: Integers
     wider: Array
     runs: Integers
     group: Integers
     group_radius: Array
+    group_center: Array
+    group_count: Array
     holds: NDArray[np.bool_]
     moving: Integers
 
@@ -289,17 +294,22 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
     ]
     pairs.sort(key=lambda pair: (group[pair[0]], group[pair[1]]))
     numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    thick, (centers, counts) = np.array(radii, dtype=float), _group_centers(placed, group)
+    centers[np.unique(group[joint != STATIC])] = 0.0
     links = Links(
         joint=joint,
         arm=arm_of,
         start=placed[:, 0].copy(),
         end=placed[:, 1].copy(),
-        radius=np.array(radii, dtype=float),
+        radius=thick,
+        reach=thick + 0.5 * np.linalg.norm(placed[:, 1] - placed[:, 0], axis=1),
         pairs=numbers,
         wider=np.zeros(len(numbers)),
         runs=_runs(group[numbers]),
         group=group,
-        group_radius=_group_radii(placed, np.array(radii, dtype=float), group),
+        group_radius=_group_radii(placed, thick, group),
+        group_center=centers,
+        group_count=counts,
         holds=np.array(holds, dtype=bool),
         moving=np.concatenate([np.flatnonzero(arm_of == k) for k in range(len(arms))]),
     )
@@ -313,12 +323,17 @@ def _group_radii(ends: Array, radii: Array, group: Integers) -> Array:
     ----------
     ends : array, shape (n_links, 2, 3), ends of the capsules' axes in one frame for each group [m]
     """
-    found, middles = np.zeros(group.max(initial=-1) + 1), ends.mean(axis=1)
-    for number in range(len(found)):
-        own = group == number
-        away = np.linalg.norm(ends[own] - middles[own].mean(axis=0), axis=2).max(axis=1)
-        found[number] = (away + radii[own]).max()
+    found, (centers, _) = np.zeros(group.max(initial=-1) + 1), _group_centers(ends, group)
+    away = np.linalg.norm(ends - centers[group, None], axis=2).max(axis=1, initial=0.0)
+    np.maximum.at(found, group, away + radii)
     return found
+
+
+def _group_centers(ends: Array, group: Integers) -> tuple[Array, Array]:
+    """Compute the means of the middles of groups of capsules, shape (n_groups, 3) [m], and how many these are."""
+    total, counts = np.zeros((group.max(initial=-1) + 1, 3)), np.bincount(group).astype(np.float64)
+    np.add.at(total, group, ends.mean(axis=1))
+    return total / counts[:, None], counts
 
 
 def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> list[LinkCapsule]:
@@ -365,11 +380,11 @@ def place_links(chains: Chains, links: Links, q: Array, start: Array, end: Array
                 break
             moving = at + 1
             k = links.joint[i] - chains.first[arm]
+            r, p, a, b = rotations[k], points[k], links.start[i], links.end[i]
+            ax, ay, az, bx, by, bz = a[0], a[1], a[2], b[0], b[1], b[2]
             for x in range(3):
-                start[i, x], end[i, x] = points[k, x], points[k, x]
-                for y in range(3):
-                    start[i, x] += rotations[k, x, y] * links.start[i, y]
-                    end[i, x] += rotations[k, x, y] * links.end[i, y]
+                start[i, x] = p[x] + r[x, 0] * ax + r[x, 1] * ay + r[x, 2] * az
+                end[i, x] = p[x] + r[x, 0] * bx + r[x, 1] * by + r[x, 2] * bz
 
 
 @kernel
@@ -459,36 +474,38 @@ def load_clearances(
     """Compute the least distances [m] of the load, from moving links that do not hold it, and from links that stand
     still, each at most `cap`.
     """
-    moving, still, ball = cap, cap, ball_about(nodes)
+    moving, still, (x, y, z, size) = cap, cap, _ball_about_load(around, nodes)
     for i in range(links.joint.shape[0]):
         if links.holds[i]:
             continue
+        a, b, least = start[i], end[i], still if links.joint[i] == STATIC else moving
+        u, v, w = 0.5 * (a[0] + b[0]) - x, 0.5 * (a[1] + b[1]) - y, 0.5 * (a[2] + b[2]) - z
+        far = size + links.reach[i] + least
+        if u * u + v * v + w * w > far * far:
+            continue
+        least = _from_load(around, a, b, links.radius[i], nodes, least)
         if links.joint[i] == STATIC:
-            still = _from_load(around, start[i], end[i], links.radius[i], nodes, ball, still)
+            still = least
         else:
-            moving = _from_load(around, start[i], end[i], links.radius[i], nodes, ball, moving)
+            moving = least
     return moving, still
+
+
+@kernel
+def _ball_about_load(around: LinkSurroundings, nodes: Array) -> tuple[float, float, float, float]:
+    """Return the centre and the radius of a ball that holds the load [m]."""
+    (x, y, z, size), thickest = ball_about(nodes), 0.0
+    for radius in around.radii:
+        thickest = max(thickest, radius)
+    return x, y, z, size + thickest
 
 
 @kernel(counted=False)
 def _from_load(
-    around: LinkSurroundings,
-    a: Array,
-    b: Array,
-    radius: float,
-    nodes: Array,
-    ball: tuple[float, float, float, float],
-    cap: float,
+    around: LinkSurroundings, a: Array, b: Array, radius: float, nodes: Array, cap: float
 ) -> float:
-    """Return the least distance [m] of a link from the load, whose nodes are in a ball, at most `cap`."""
-    least, thickest, edges, (x, y, z, size) = cap, 0.0, around.edges, ball
-    for e in range(edges.shape[0]):
-        thickest = max(thickest, around.radii[e])
-    x, y, z = 0.5 * (a[0] + b[0]) - x, 0.5 * (a[1] + b[1]) - y, 0.5 * (a[2] + b[2]) - z
-    half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-    far = size + thickest + half + radius + cap
-    if x * x + y * y + z * z > far * far:
-        return cap
+    """Return the least distance [m] of a link from the load, at most `cap`."""
+    least, edges = cap, around.edges
     for e in range(edges.shape[0]):
         if edges[e, 0] != edges[e, 1]:
             thick = radius + around.radii[e]
@@ -504,14 +521,14 @@ def links_near(
     """Return whether each moving link is within `enough` [m] of an obstacle or the load at the joints q, array of
     shape (n_joints,); array, shape (n_links,).
     """
-    start, end, ball = links.start.copy(), links.end.copy(), ball_about(nodes)
+    start, end = links.start.copy(), links.end.copy()
     place_links(chains, links, q, start, end)
     near = np.zeros(links.joint.shape[0], dtype=np.bool_)
     for i in links.moving:
         a, b, radius = start[i], end[i], links.radius[i]
         least = _from_obstacles(around, RESTING, a, b, radius, enough)
         if not links.holds[i]:
-            least = _from_load(around, a, b, radius, nodes, ball, least)
+            least = _from_load(around, a, b, radius, nodes, least)
         near[i] = least < enough
     return near
 
@@ -519,8 +536,15 @@ def links_near(
 @kernel
 def clearance_between(links: Links, start: Array, end: Array, cap: float) -> float:
     """Compute the least distance [m] of the links from each other alone, at most `cap`."""
-    least = cap
-    middle, reach, centre = _balls(links, start, end)
+    least, middle, centre = cap, np.empty_like(start), links.group_center.copy()
+    for i in range(start.shape[0]):
+        middle[i, 0] = 0.5 * (start[i, 0] + end[i, 0])
+        middle[i, 1] = 0.5 * (start[i, 1] + end[i, 1])
+        middle[i, 2] = 0.5 * (start[i, 2] + end[i, 2])
+    for i in links.moving:
+        g = links.group[i]
+        for x in range(3):
+            centre[g, x] += middle[i, x] / links.group_count[g]
     for run in range(links.runs.shape[0]):
         a, b, first, last = links.runs[run]
         x, y, z = centre[a, 0] - centre[b, 0], centre[a, 1] - centre[b, 1], centre[a, 2] - centre[b, 2]
@@ -530,30 +554,8 @@ def clearance_between(links: Links, start: Array, end: Array, cap: float) -> flo
         for p in range(first, last):
             i, j = links.pairs[p, 0], links.pairs[p, 1]
             x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
-            far = reach[i] + reach[j] + least - links.wider[p]
+            far = links.reach[i] + links.reach[j] + least - links.wider[p]
             if far > 0.0 and x * x + y * y + z * z < far * far:
                 thick = links.radius[i] + links.radius[j] - links.wider[p]
                 least = min(least, nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
     return least
-
-
-@kernel
-def _balls(links: Links, start: Array, end: Array) -> tuple[Array, Array, Array]:
-    """Compute the bounding balls of the links: centres, array of shape (n_links, 3), and radii (n_links,) [m]; and
-    the centres of the groups' balls, array of shape (n_groups, 3) [m].
-    """
-    middle, reach = np.empty_like(start), np.empty(start.shape[0])
-    n_groups = links.group_radius.shape[0]
-    centre, count = np.zeros((n_groups, 3)), np.zeros(n_groups)
-    for i in range(start.shape[0]):
-        square, g = 0.0, links.group[i]
-        count[g] += 1.0
-        for x in range(3):
-            middle[i, x] = 0.5 * (start[i, x] + end[i, x])
-            centre[g, x] += middle[i, x]
-            square += (end[i, x] - start[i, x]) ** 2
-        reach[i] = links.radius[i] + 0.5 * sqrt(square)
-    for g in range(n_groups):
-        for x in range(3):
-            centre[g, x] /= count[g]
-    return middle, reach, centre
