@@ -41,7 +41,7 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
-from comove.robots.verification.kinematics import joint_motions, reaches_of
+from comove.robots.verification.kinematics import joint_motions, on_joints, reaches_of
 from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
 
@@ -385,16 +385,13 @@ def _grasp_frames(
     """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
     frame.
     """
-    turns, origins, speeds, turnings = joint_motions(robot, positions, rates)
-    places, rotations, velocities, spins = [], [], [], []
-    for arm in arms:
-        joint, grasp = robot.grasp_frame(arm)
-        lever = turns[:, joint] @ grasp.translation
-        places.append(origins[:, joint] + lever)
-        rotations.append(turns[:, joint] @ grasp.rotation)
-        velocities.append(speeds[:, joint] + cross(turnings[:, joint], lever))
-        spins.append(turnings[:, joint])
-    return np.stack(places, 1), np.stack(rotations, 1), np.stack(velocities, 1), np.stack(spins, 1)
+    joints, grasps = zip(*map(robot.grasp_frame, arms), strict=True)
+    return on_joints(
+        joint_motions(robot, positions, rates),
+        np.array(joints, dtype=np.int64),
+        np.array([grasp.rotation for grasp in grasps]),
+        np.array([grasp.translation for grasp in grasps]),
+    )
 
 
 def _sizes(vectors: Array) -> Array:

@@ -172,7 +172,7 @@ class JointTree(NamedTuple):
     turn, shift : arrays, shape (n_joints + 1, 3, 3) and (n_joints + 1, 3), of each joint in the one before it [m]
     sine, versine : arrays, shape (n_joints + 1, 3, 3), what the sine, and one less the cosine, of a joint add to
         `turn`; zeros for joints that slide
-    axis : array, shape (n_joints + 1, 3), axes in the frames before the joints
+    axis, own : arrays, shape (n_joints + 1, 3), axes in the frames before the joints, and in the joints' own
     slides : array, shape (n_joints + 1,)
     """
 
@@ -183,6 +183,7 @@ class JointTree(NamedTuple):
     sine: Array
     versine: Array
     axis: Array
+    own: Array
     slides: NDArray[np.bool_]
 
 
@@ -206,6 +207,7 @@ def tree_of(robot: Robot) -> JointTree:
         turn @ cross,
         turn @ cross @ cross,
         np.einsum("jab,jb->ja", turn, axis),
+        axis,
         slides,
     )
 
@@ -267,11 +269,16 @@ def joint_motions(robot: Robot, q: Array, rates: Array) -> tuple[Array, Array, A
 def _place_joint(tree: JointTree, j: int, value: float, turn: Array, arm: Array) -> None:
     """Write the orientation and the place, arrays of shape (3, 3) and (3,), of a joint in the frame before it."""
     sine, versine = np.sin(value), 1.0 - np.cos(value)
-    slid = value if tree.slides[j] else 0.0
+    slid, rest, by_sine, by_versine = (
+        value if tree.slides[j] else 0.0,
+        tree.turn[j],
+        tree.sine[j],
+        tree.versine[j],
+    )
     for a in range(3):
         arm[a] = tree.shift[j, a] + slid * tree.axis[j, a]
         for b in range(3):
-            turn[a, b] = tree.turn[j, a, b] + sine * tree.sine[j, a, b] + versine * tree.versine[j, a, b]
+            turn[a, b] = rest[a, b] + sine * by_sine[a, b] + versine * by_versine[a, b]
 
 
 @kernel
@@ -280,36 +287,81 @@ def _moved(tree: JointTree, q: Array, rates: Array) -> tuple[Array, Array, Array
     n_steps, n_rates, n_frames = q.shape[0], rates.shape[0], tree.parents.shape[0]
     turns, places = np.empty((n_steps, n_frames, 3, 3)), np.zeros((n_steps, n_frames, 3))
     velocities, spins = np.zeros((n_rates, n_frames, 3)), np.zeros((n_rates, n_frames, 3))
-    own, axis, arm, local = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    own, local = np.empty((3, 3)), np.empty(3)
     for t in range(n_steps):
         for a in range(3):
             for b in range(3):
                 turns[t, 0, a, b] = 1.0 if a == b else 0.0
         for j in range(1, n_frames):
-            before, value = turns[t, tree.parents[j]], q[t, tree.columns[j]]
-            _place_joint(tree, j, value, own, local)
-            for a in range(3):
-                axis[a] = arm[a] = 0.0
-                for c in range(3):
-                    axis[a] += before[a, c] * tree.axis[j, c]
-                    arm[a] += before[a, c] * local[c]
-                places[t, j, a] = places[t, tree.parents[j], a] + arm[a]
-                for b in range(3):
-                    turns[t, j, a, b] = (
-                        before[a, 0] * own[0, b] + before[a, 1] * own[1, b] + before[a, 2] * own[2, b]
-                    )
+            i, k, after, along = tree.parents[j], tree.columns[j], turns[t, j], tree.axis[j]
+            before = turns[t, i]
+            _place_joint(tree, j, q[t, k], own, local)
+            ax, ay, az = _turned(before, local[0], local[1], local[2])
+            places[t, j, 0] = places[t, i, 0] + ax
+            places[t, j, 1] = places[t, i, 1] + ay
+            places[t, j, 2] = places[t, i, 2] + az
+            for b in range(3):
+                after[0, b], after[1, b], after[2, b] = _turned(before, own[0, b], own[1, b], own[2, b])
             if n_rates == 0:
                 continue
-            rate, spin = rates[t, tree.columns[j]], spins[t, tree.parents[j]]
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                velocities[t, j, a] = velocities[t, tree.parents[j], a] + spin[b] * arm[c] - spin[c] * arm[b]
-                if tree.slides[j]:
-                    velocities[t, j, a] += rate * axis[a]
-                    spins[t, j, a] = spin[a]
-                else:
-                    spins[t, j, a] = spin[a] + rate * axis[a]
+            ux, uy, uz = _turned(before, along[0], along[1], along[2])
+            rate, slid = (0.0, rates[t, k]) if tree.slides[j] else (rates[t, k], 0.0)
+            sx, sy, sz = spins[t, i, 0], spins[t, i, 1], spins[t, i, 2]
+            velocities[t, j, 0] = velocities[t, i, 0] + sy * az - sz * ay + slid * ux
+            velocities[t, j, 1] = velocities[t, i, 1] + sz * ax - sx * az + slid * uy
+            velocities[t, j, 2] = velocities[t, i, 2] + sx * ay - sy * ax + slid * uz
+            spins[t, j, 0], spins[t, j, 1], spins[t, j, 2] = sx + rate * ux, sy + rate * uy, sz + rate * uz
     return turns, places, velocities, spins
+
+
+@kernel
+def _turned(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a vector that is turned, R v."""
+    return (
+        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
+        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
+        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
+    )
+
+
+@kernel
+def on_joints(
+    motions: tuple[Array, Array, Array, Array], joint: Integers, turn: Array, shift: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Compute the motions of frames that are fixed to joints, in the scene's frame.
+
+    Parameters
+    ----------
+    motions : of all joints, as `joint_motions` returns them
+    joint : array, shape (n,), number of the joint that carries each frame
+    turn, shift : arrays, shape (n, 3, 3) and (n, 3), placements of the frames in those of the joints [m]
+
+    Returns
+    -------
+    places, turns, velocities, spins : arrays, shape (n_steps, n, 3), and (n_steps, n, 3, 3) of turns
+    """
+    turns, origins, speeds, turnings = motions
+    n_steps, n = turns.shape[0], joint.shape[0]
+    places, rotations = np.empty((n_steps, n, 3)), np.empty((n_steps, n, 3, 3))
+    velocities, spins = np.empty((n_steps, n, 3)), np.empty((n_steps, n, 3))
+    for t in range(n_steps):
+        for i in range(n):
+            j = joint[i]
+            r, s = turns[t, j], turnings[t, j]
+            x, y, z = _turned(r, shift[i, 0], shift[i, 1], shift[i, 2])
+            for b in range(3):
+                out = rotations[t, i]
+                out[0, b], out[1, b], out[2, b] = _turned(r, turn[i, 0, b], turn[i, 1, b], turn[i, 2, b])
+            for a in range(3):
+                spins[t, i, a] = s[a]
+                places[t, i, a], velocities[t, i, a] = origins[t, j, a], speeds[t, j, a]
+            places[t, i, 0] += x
+            places[t, i, 1] += y
+            places[t, i, 2] += z
+            velocities[t, i, 0] += s[1] * z - s[2] * y
+            velocities[t, i, 1] += s[2] * x - s[0] * z
+            velocities[t, i, 2] += s[0] * y - s[1] * x
+    return places, rotations, velocities, spins
 
 
 class Inertias(NamedTuple):
@@ -361,101 +413,72 @@ def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, b
 def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
     """Return what `inverse_dynamics` does; all vectors are in the frames of their joints."""
     n_frames, result = tree.parents.shape[0], np.empty(q.shape)
-    turn, arm, axis = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3)), np.empty((n_frames, 3))
+    turn, arm = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3))
     spin, swing, pull = np.zeros((n_frames, 3)), np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
-    force, moment = np.empty((n_frames, 3)), np.empty((n_frames, 3))
-    felt, along, tilted = np.empty(3), np.empty(3), np.empty(3)
+    force, moment = np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
     for a in range(3):
         pull[0, a] = -inertias.gravity[a]
     for t in range(q.shape[0]):
         for j in range(1, n_frames):
-            i, k = tree.parents[j], tree.columns[j]
-            value, rate, bend = q[t, k], rates[t, k], bends[t, k]
-            _place_joint(tree, j, value, turn[j], arm[j])
-            for a in range(3):  # how the frame before accelerates where this one is
-                b, c = (a + 1) % 3, (a + 2) % 3
-                along[a] = spin[i, b] * arm[j, c] - spin[i, c] * arm[j, b]
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                felt[a] = (
-                    pull[i, a]
-                    + swing[i, b] * arm[j, c]
-                    - swing[i, c] * arm[j, b]
-                    + spin[i, b] * along[c]
-                    - spin[i, c] * along[b]
-                )
-            for a in range(3):
-                spin[j, a] = (
-                    turn[j, 0, a] * spin[i, 0] + turn[j, 1, a] * spin[i, 1] + turn[j, 2, a] * spin[i, 2]
-                )
-                swing[j, a] = (
-                    turn[j, 0, a] * swing[i, 0] + turn[j, 1, a] * swing[i, 1] + turn[j, 2, a] * swing[i, 2]
-                )
-                pull[j, a] = turn[j, 0, a] * felt[0] + turn[j, 1, a] * felt[1] + turn[j, 2, a] * felt[2]
-                axis[j, a] = (
-                    turn[j, 0, a] * tree.axis[j, 0]
-                    + turn[j, 1, a] * tree.axis[j, 1]
-                    + turn[j, 2, a] * tree.axis[j, 2]
-                )
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                turning = rate * (spin[j, b] * axis[j, c] - spin[j, c] * axis[j, b])
-                if tree.slides[j]:
-                    pull[j, a] += bend * axis[j, a] + 2.0 * turning
-                else:
-                    swing[j, a] += bend * axis[j, a] + turning
-            if not tree.slides[j]:
-                for a in range(3):
-                    spin[j, a] += rate * axis[j, a]
-            _pushed(inertias, j, spin[j], swing[j], pull[j], force[j], moment[j], along, tilted)
+            i, k, r, u = tree.parents[j], tree.columns[j], turn[j], tree.own[j]
+            rate, bend, slides = rates[t, k], bends[t, k], tree.slides[j]
+            _place_joint(tree, j, q[t, k], r, arm[j])
+            # how the frame before accelerates where this one is
+            sx, sy, sz, wx, wy, wz = spin[i, 0], spin[i, 1], spin[i, 2], swing[i, 0], swing[i, 1], swing[i, 2]
+            x, y, z = arm[j, 0], arm[j, 1], arm[j, 2]
+            ax, ay, az = sy * z - sz * y, sz * x - sx * z, sx * y - sy * x
+            fx = pull[i, 0] + wy * z - wz * y + sy * az - sz * ay
+            fy = pull[i, 1] + wz * x - wx * z + sz * ax - sx * az
+            fz = pull[i, 2] + wx * y - wy * x + sx * ay - sy * ax
+            sx, sy, sz = _seen(r, sx, sy, sz)
+            wx, wy, wz = _seen(r, wx, wy, wz)
+            px, py, pz = _seen(r, fx, fy, fz)
+            ux, uy, uz = u[0], u[1], u[2]
+            tx, ty, tz = rate * (sy * uz - sz * uy), rate * (sz * ux - sx * uz), rate * (sx * uy - sy * ux)
+            if slides:
+                px, py, pz = px + bend * ux + 2.0 * tx, py + bend * uy + 2.0 * ty, pz + bend * uz + 2.0 * tz
+            else:
+                wx, wy, wz = wx + bend * ux + tx, wy + bend * uy + ty, wz + bend * uz + tz
+                sx, sy, sz = sx + rate * ux, sy + rate * uy, sz + rate * uz
+            spin[j, 0], spin[j, 1], spin[j, 2] = sx, sy, sz
+            swing[j, 0], swing[j, 1], swing[j, 2] = wx, wy, wz
+            pull[j, 0], pull[j, 1], pull[j, 2] = px, py, pz
+            # the force, and the moment about the joint's origin, that accelerate its mass
+            mass, center, tensor = inertias.mass[j], inertias.center[j], inertias.tensor[j]
+            x, y, z = center[0], center[1], center[2]
+            ax, ay, az = sy * z - sz * y, sz * x - sx * z, sx * y - sy * x
+            fx = mass * (px + wy * z - wz * y + sy * az - sz * ay)
+            fy = mass * (py + wz * x - wx * z + sz * ax - sx * az)
+            fz = mass * (pz + wx * y - wy * x + sx * ay - sy * ax)
+            lx, ly, lz = _seen(tensor, sx, sy, sz)  # it is symmetric
+            mx, my, mz = _seen(tensor, wx, wy, wz)
+            force[j, 0], force[j, 1], force[j, 2] = fx, fy, fz
+            moment[j, 0] = mx + sy * lz - sz * ly + y * fz - z * fy
+            moment[j, 1] = my + sz * lx - sx * lz + z * fx - x * fz
+            moment[j, 2] = mz + sx * ly - sy * lx + x * fy - y * fx
         for j in range(n_frames - 1, 0, -1):
-            i, k = tree.parents[j], tree.columns[j]
+            i, k, r, u = tree.parents[j], tree.columns[j], turn[j], tree.own[j]
             carried = force[j] if tree.slides[j] else moment[j]
-            result[t, k] = inertias.armature[k] * bends[t, k]
-            for a in range(3):
-                result[t, k] += axis[j, a] * carried[a]
+            own = u[0] * carried[0] + u[1] * carried[1] + u[2] * carried[2]
+            result[t, k] = inertias.armature[k] * bends[t, k] + own
             if i == 0:
                 continue
-            for a in range(3):
-                felt[a] = (
-                    turn[j, a, 0] * force[j, 0] + turn[j, a, 1] * force[j, 1] + turn[j, a, 2] * force[j, 2]
-                )
-                force[i, a] += felt[a]
-                moment[i, a] += (
-                    turn[j, a, 0] * moment[j, 0] + turn[j, a, 1] * moment[j, 1] + turn[j, a, 2] * moment[j, 2]
-                )
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                moment[i, a] += arm[j, b] * felt[c] - arm[j, c] * felt[b]
+            x, y, z, mx, my, mz = arm[j, 0], arm[j, 1], arm[j, 2], moment[j, 0], moment[j, 1], moment[j, 2]
+            fx = r[0, 0] * force[j, 0] + r[0, 1] * force[j, 1] + r[0, 2] * force[j, 2]
+            fy = r[1, 0] * force[j, 0] + r[1, 1] * force[j, 1] + r[1, 2] * force[j, 2]
+            fz = r[2, 0] * force[j, 0] + r[2, 1] * force[j, 1] + r[2, 2] * force[j, 2]
+            force[i, 0], force[i, 1], force[i, 2] = force[i, 0] + fx, force[i, 1] + fy, force[i, 2] + fz
+            moment[i, 0] += r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + y * fz - z * fy
+            moment[i, 1] += r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + z * fx - x * fz
+            moment[i, 2] += r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + x * fy - y * fx
     return result
 
 
 @kernel
-def _pushed(
-    inertias: Inertias,
-    j: int,
-    spin: Array,
-    swing: Array,
-    pull: Array,
-    force: Array,
-    moment: Array,
-    along: Array,
-    tilted: Array,
-) -> None:
-    """Write the force and the moment about a joint's origin that accelerate its mass; the last two are scratch."""
-    center = inertias.center[j]
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        along[a] = spin[b] * center[c] - spin[c] * center[b]
-        tensor = inertias.tensor[j, a]
-        tilted[a] = tensor[0] * spin[0] + tensor[1] * spin[1] + tensor[2] * spin[2]
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        felt = swing[b] * center[c] - swing[c] * center[b] + spin[b] * along[c] - spin[c] * along[b]
-        force[a] = inertias.mass[j] * (pull[a] + felt)
-        tensor = inertias.tensor[j, a]
-        moment[a] = tensor[0] * swing[0] + tensor[1] * swing[1] + tensor[2] * swing[2]
-        moment[a] += spin[b] * tilted[c] - spin[c] * tilted[b]
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        moment[a] += center[b] * force[c] - center[c] * force[b]
+def _seen(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a vector in a frame that is turned, R^T v."""
+    return (
+        turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z,
+        turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z,
+        turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z,
+    )
