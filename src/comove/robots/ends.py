@@ -173,9 +173,12 @@ class EndJoints:
         if self.grasp.keypoints:
             led = _combined(self._led(starts))
             others = ~(self.difference(np.repeat(led, 2 * len(both[1]), axis=0), last) < self.settings.other)
-        rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
-        _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
-        once.sort()
+        if (turned == goal).all():  # the second of each, as ends differ from each other
+            once = np.arange(0, len(first), 2)
+        else:
+            rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
+            _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
+            once.sort()
         likely = (
             np.lexsort((differ[once], others[once], tightest[once])),
             np.lexsort((differ[once], others[once])),

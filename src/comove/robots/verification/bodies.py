@@ -393,12 +393,12 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
         Names the pairs, how deep they are, and what to change.
     """
     told, obstacles = list[str](), _obstacles(scene)
-    for item in (item for item in robot.collision.geometryObjects if item.parentJoint == 0):
-        for obstacle in (obstacles[i] for i in np.flatnonzero(~scene.moving).tolist()):
-            pair = [item.geometry, obstacle.item.geometry], [item.placement, obstacle.item.placement]
-            if distance_of(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
-                link = robot.model.frames[item.parentFrame].name
-                told.append(f"{link} is {depth:.2g} m deep in {obstacle.name}")
+    links = [body for body in links_of(robot).bodies[: robot.collision.ngeoms] if body.item.parentJoint == 0]
+    still = [obstacles[i] for i in np.flatnonzero(~scene.moving).tolist()]
+    for link, obstacle in _with_balls_that_meet(links, still):
+        pair = [link.item.geometry, obstacle.item.geometry], [link.item.placement, obstacle.item.placement]
+        if distance_of(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
+            told.append(f"{link.name} is {depth:.2g} m deep in {obstacle.name}")
     if told:
         warnings.warn(
             f"{'; '.join(told)}: no motion changes this, and it is not checked; move the obstacle, or correct "
@@ -406,6 +406,20 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
             ComoveWarning,
             stacklevel=3,
         )
+
+
+def _with_balls_that_meet(
+    first: list[CollisionBody], second: list[CollisionBody]
+) -> list[tuple[CollisionBody, CollisionBody]]:
+    """Return the pairs of bodies, each placed in the scene, whose bounding balls meet."""
+    if not first or not second:
+        return []
+    (one, r), (two, s) = (
+        (np.array([body.solid.center for body in some]), np.array([body.solid.radius for body in some]))
+        for some in (first, second)
+    )
+    near = np.linalg.norm(one[:, None] - two, axis=2) < r[:, None] + s
+    return [(first[i], second[k]) for i, k in np.argwhere(near).tolist()]
 
 
 def _with_hulls(
