@@ -1,6 +1,6 @@
 """Tree search and shortcuts for planners of every kind: RRT-Connect (Kuffner and LaValle, 2000).
 
-A *world* answers six questions about *nodes*: configurations of a payload with the joints of arms that carry it and
+A *world* answers seven questions about *nodes*: configurations of a payload with the joints of arms that carry it and
 with times, where there are such (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The
 former is a named tuple, whose answers are kernels; the latter is a Python object with methods of these names, for
 which the searches run uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
@@ -37,8 +37,14 @@ def extend(world, p, q, steps, margin, out):
 
 @Question
 def between(world, p, q, share, out):
-    """Write the node at a share of the edge from p to q; return whether it exists."""
-    return world.between(p, q, share, out)
+    """Write where the node at a share of the edge from p to q is, without what follows from p."""
+    world.between(p, q, share, out)
+
+
+@Question
+def exists(world, p, node):
+    """Return whether a node on a free edge from p exists, and complete it by what follows from p."""
+    return world.exists(p, node)
 
 
 @Question
@@ -168,11 +174,11 @@ def shortened(world, path, margin, rng, n_trials):
             j += 1
         if i == j:
             continue
-        if not between(world, work[i], work[i + 1], (u - at_i) / max(lengths[i], 1e-12), p):
+        between(world, work[i], work[i + 1], (u - at_i) / max(lengths[i], 1e-12), p)
+        between(world, work[j], work[j + 1], (v - at_j) / max(lengths[j], 1e-12), q)
+        if not (shortens(world, p, q, v - u) and exists(world, work[i], p) and exists(world, work[j], q)):
             continue
-        if not between(world, work[j], work[j + 1], (v - at_j) / max(lengths[j], 1e-12), q):
-            continue
-        if not shortens(world, p, q, v - u) or extend(world, p, q, WHOLE, margin, end) != ARRIVED:
+        if extend(world, p, q, WHOLE, margin, end) != ARRIVED:
             continue
         moved = 2 - (j - i)  # rows i+1 .. j give way to p and q
         if moved > 0:

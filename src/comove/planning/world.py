@@ -74,6 +74,7 @@ def reaches(arms, world, node):
     return arms.reaches(world, node)
 
 
+@trees.between.answered_for(World)
 @kernel
 def between(world, p, q, share, out):
     """Write the configuration and the time at a share of the edge from p to q."""
@@ -171,11 +172,10 @@ def _reached(arms, world, node):
     return reaches(arms, world, node)
 
 
-@trees.between.answered_for(World)
+@trees.exists.answered_for(World)
 @kernel
-def _between(world, p, q, share, out):
-    between(world, p, q, share, out)
-    return _followed(world.arms, world, p, out)
+def _exists(world, p, node):
+    return _followed(world.arms, world, p, node)
 
 
 @trees.length.answered_for(World)

@@ -210,10 +210,13 @@ class Room:
             return BLOCKED
         return ARRIVED if share == 1.0 else FREE
 
-    def between(self, p: Array, q: Array, share: float, out: Array) -> bool:
-        """Write the node at a share of an edge; return whether it is free."""
+    def between(self, p: Array, q: Array, share: float, out: Array) -> None:
+        """Write the node at a share of an edge."""
         out[:] = p + share * (q - p)
-        return self.is_free(out)
+
+    def exists(self, p: Array, node: Array) -> bool:
+        """Return whether a node is free."""
+        return self.is_free(node)
 
     def shortens(self, p: Array, q: Array, way: float) -> bool:
         """Return True: the straight piece between two nodes is never longer."""
