@@ -39,6 +39,28 @@ class Masses(NamedTuple):
     inertia: Array
 
 
+class JointMoves(NamedTuple):
+    """What joints add to the rotations and offsets of their frames.
+
+    Attributes
+    ----------
+    sine, versine : arrays, shape (n_joints, 3, 3), what the sine, and one less the cosine, of a joint add to the
+        rotation; zeros where joints slide
+    slide : array, shape (n_joints, 3), what a joint's position adds to the offset; zeros where joints turn
+    """
+
+    sine: Array
+    versine: Array
+    slide: Array
+
+
+class Tools(NamedTuple):
+    """The frames of grasps in others; arrays, shape (n_arms, 3, 3) and (n_arms, 3) [m]."""
+
+    rotation: Array
+    offset: Array
+
+
 class Chains(NamedTuple):
     """The arms that move the hands of a scene, with the joints of all arms in one row (n_joints).
 
@@ -47,12 +69,10 @@ class Chains(NamedTuple):
     first : array, shape (n_arms + 1,), index of each arm's first joint, and at last n_joints
     rotation, offset : arrays, shape (n_joints, 3, 3) and (n_joints, 3): each joint's frame in the one before it
         (for the first joint of an arm: in the scene) [m]
-    sine, versine : arrays, shape (n_joints, 3, 3), what the sine, and one less the cosine, of a joint add to
-        `rotation`; zeros where joints slide
-    slide : array, shape (n_joints, 3), what a joint's position adds to `offset`; zeros where joints turn
+    moves : what the joints' positions add to these
     axis : array, shape (n_joints, 3), axis in the joint's own frame
     slides : array, shape (n_joints,), whether the joint is prismatic
-    tool_rotation, tool_offset : arrays, shape (n_arms, 3, 3) and (n_arms, 3): the grasp in the last joint's frame
+    tools : the grasps in the last joints' frames
     lower, upper, velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad, s, N m]
     approach : array, shape (n_joints,), time constants with which joints approach their limits, see `Robot` [s]
     relief : array, shape (n_joints,), share of the torque due to the own weight that springs hold
@@ -62,13 +82,10 @@ class Chains(NamedTuple):
     first: Integers
     rotation: Array
     offset: Array
-    sine: Array
-    versine: Array
-    slide: Array
+    moves: JointMoves
     axis: Array
     slides: NDArray[np.bool_]
-    tool_rotation: Array
-    tool_offset: Array
+    tools: Tools
     lower: Array
     upper: Array
     velocity: Array
@@ -132,13 +149,14 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
         first=np.cumsum([0] + [len(arm.columns) for arm in arms]),
         rotation=rotation,
         offset=np.array([m.translation for m in placements]),
-        sine=rotation @ across,
-        versine=rotation @ across @ across,
-        slide=np.einsum("jab,jb->ja", rotation, axes) * slides[:, None],
+        moves=JointMoves(
+            rotation @ across,
+            rotation @ across @ across,
+            np.einsum("jab,jb->ja", rotation, axes) * slides[:, None],
+        ),
         axis=axes,
         slides=slides,
-        tool_rotation=np.array([tool[:3, :3] for tool in tools]),
-        tool_offset=np.array([tool[:3, 3] for tool in tools]),
+        tools=Tools(np.array([tool[:3, :3] for tool in tools]), np.array([tool[:3, 3] for tool in tools])),
         lower=robot.lower[columns],
         upper=robot.upper[columns],
         velocity=robot.velocity[columns],
@@ -172,21 +190,21 @@ def place_arm(chains: Chains, arm: int, q: Array, rotations: Array, points: Arra
     q : array, shape (n_joints,), joint positions of all arms
     rotations, points : results, arrays of shape (n_joints of the arm + 1, 3, 3) and (..., 3)
     """
-    first, last = chains.first[arm], chains.first[arm + 1]
+    first, last, moves, tools = chains.first[arm], chains.first[arm + 1], chains.moves, chains.tools
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     px, py, pz = 0.0, 0.0, 0.0
     for j in range(first, last + 1):
         if j < last:
-            turn, offset, slide, value = chains.rotation[j], chains.offset[j], chains.slide[j], q[j]
+            turn, offset, slide, value = chains.rotation[j], chains.offset[j], moves.slide[j], q[j]
             by_sine, by_versine, sine, versine = (
-                chains.sine[j],
-                chains.versine[j],
+                moves.sine[j],
+                moves.versine[j],
                 sin(value),
                 1.0 - cos(value),
             )
             x, y, z = offset[0] + value * slide[0], offset[1] + value * slide[1], offset[2] + value * slide[2]
         else:
-            turn, offset = chains.tool_rotation[arm], chains.tool_offset[arm]
+            turn, offset = tools.rotation[arm], tools.offset[arm]
             by_sine, by_versine, sine, versine = turn, turn, 0.0, 0.0
             x, y, z = offset[0], offset[1], offset[2]
         px += r00 * x + r01 * y + r02 * z
