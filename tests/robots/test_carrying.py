@@ -558,3 +558,15 @@ def test_where_the_duration_is_open_what_is_returned_is_the_fastest_motion_that_
     scene, heard = Scene.load(EXAMPLES / "robots" / "two_xarm7.yaml").timed(None), []
     found = comove.solve(scene, robot=robot("two_xarm7"), seed=seed, budget=600, found=heard.append)
     assert found.joints.motion.joints.duration == min(verified.joints.duration for verified in heard)
+
+
+def test_hands_that_are_verified_are_not_verified_anew_for_their_joints(monkeypatch):
+    motion, _ = known_carry()
+    carrying = RobotCarrier(task("gap_30").robot, motion.scene)
+    verified = verify(motion).verified
+    (check,) = carrying.checks
+    monkeypatch.setattr(
+        "comove.robots.verification.verify.verify", lambda motion: pytest.fail("verified once more")
+    )
+    assert check.check(verified) == ()
+    assert carrying.carried_out(motion)[1].verified is not None

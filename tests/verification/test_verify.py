@@ -14,6 +14,7 @@ from comove.lab.evolution import Paper, Projection
 from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds
+from comove.verification.verify import CheckOfVerified
 from tests import brute_force
 from tests.cases import examples
 from tests.solved import solved
@@ -294,6 +295,16 @@ def test_further_checks_are_asked(motion):
     assert verdict.verified is None
     assert verdict.reasons == ("the elbow hits the table", "too hot")
     assert len(asked) == 4
+
+
+def test_checks_of_verified_motions_take_them_so_where_they_keep_what_the_scene_asks(motion):
+    """And only there: else the motion itself, which is not verified."""
+    given, slow = [], limited(motion, speed=0.01)
+    for moved in (motion, slow):
+        verify(moved, checks=[CheckOfVerified(lambda taken: given.append(taken) or [])])
+    assert isinstance(given[0], VerifiedMotion) and given[0].motion is motion
+    assert given[1] is slow
+    assert verify(motion, checks=[CheckOfVerified(lambda taken: "too blue")]).reasons == ("too blue",)
 
 
 def test_reasons_of_checks_come_on_top(motion):

@@ -481,7 +481,8 @@ class RobotCarrier(LimitedKinematics):
             if tight <= slack:
                 return result
         if known:
-            joints = known[0][1][0]
+            joints, verdict = known[0][1]
+            given = given if verdict.verified is None else verdict.verified.motion
         else:
             joints, miss = self.track(motion, haste=self.settings.haste if slack > 0.0 else 1)
             if miss is not None:

@@ -15,6 +15,7 @@ from comove.errors import OptionError
 from comove.model import Scene
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
+from comove.robots.free_space import Room
 from comove.robots.transfers import _Still
 from comove.robots.verification import bodies
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
@@ -23,6 +24,7 @@ from comove.robots.verification.certificate import (
     CarryCourse,
     JointCertificateSettings,
     PairCells,
+    are_clear,
     certify,
 )
 from comove.robots.verification.kinematics import Bases, Reaches
@@ -421,3 +423,16 @@ def test_a_load_put_down_in_a_link_is_met_there(link):
     assert there == moved
     assert there.upper < -0.05
     assert world.name(there.pair).startswith(link.removesuffix("_0"))
+
+
+def test_joints_are_clear_at_an_instant_where_coal_finds_no_pair_too_near():
+    motion, joints = known_carry()
+    carried, world = world_of(motion)
+    nodes, rng = motion.scene.nodes_at("start"), np.random.default_rng(7)
+    room = Room(world.placed_at(nodes), baxter().arms, np.zeros(len(world.kind)))
+    told = []
+    for spread in np.repeat([0.0, 0.05, 0.15, 0.4], 8):
+        q = joints.position[0] + spread * rng.standard_normal(joints.position.shape[1])
+        told.append(are_clear(world, q, nodes, 0.0))
+        assert told[-1] == (room.contact(q) == "")
+    assert any(told) and not all(told)

@@ -1,0 +1,63 @@
+"""Candidates come best first, and kinematics are asked only while the answer may change which comes next."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from comove.model import Scene
+from comove.model.coordinates import load_coordinates
+from comove.planning.objective import Evaluation, Objective
+from comove.planning.search import Candidates
+from tests.cases import examples
+
+SCENE = Scene.from_dict(
+    {
+        "name": "free",
+        "duration": 5.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "load": {"shape": "bar", "length": 0.1},
+        "limits": {"speed": 1.0, "acceleration": 1.0},
+        "manipulators": [
+            {"name": "left", "start": [0.1, 0.55], "goal": [0.9, 0.55]},
+            {"name": "right", "start": [0.1, 0.45], "goal": [0.9, 0.45]},
+        ],
+    }
+)
+OBJECTIVE = Objective(SCENE, load_coordinates(SCENE))
+
+
+def evaluation(rng, n):
+    """Costs of which some are equal, and rollouts of which some touch something."""
+    cost = rng.integers(0, 6, n) / 4.0
+    touching = rng.random(n) < 0.3
+    none = np.zeros(n)
+    return Evaluation(
+        cost, 0.25 * touching, np.where(touching, -1.0, 1.0), none, none, none, np.zeros((n, 3))
+    )
+
+
+@examples(60)
+@given(st.integers(0, 10**6))
+def test_candidates_come_as_if_all_were_asked_about_and_no_more_than_needed_are(seed):
+    rng = np.random.default_rng(seed)
+    n, asked = 12, list[int]()
+    penalty, executable = rng.integers(0, 4, n) / 4.0, rng.random(n) < 0.6
+    worth_it = rng.random(n) < 0.7
+
+    def answer(k):
+        asked.append(k)
+        return penalty[k], bool(executable[k])
+
+    known = {k: (lambda k=k: answer(k)) for k in np.flatnonzero(worth_it).tolist()}
+    candidates = Candidates(OBJECTIVE, evaluation(rng, n), worth_it.copy(), known)
+    bound = candidates.rank
+    order = candidates.best_first()
+    first = next(order)
+    least = candidates.rank[first]
+    # whoever was asked about might have been better by what was known of it
+    assert all(bound[k] <= least for k in asked) and set(asked) <= set(np.flatnonzero(worth_it))
+    came = [first, *order]
+    value = candidates.value
+    assert len(asked) == len(set(asked)) == worth_it.sum()
+    whole = Candidates(OBJECTIVE, value, worth_it & executable)
+    assert came == np.argsort(whole.rank, kind="stable").tolist()
