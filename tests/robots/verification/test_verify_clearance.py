@@ -427,7 +427,7 @@ def test_a_load_put_down_in_a_link_is_met_there(link):
 
 def test_joints_are_clear_at_an_instant_where_coal_finds_no_pair_too_near():
     motion, joints = known_carry()
-    carried, world = world_of(motion)
+    _, world = world_of(motion)
     nodes, rng = motion.scene.nodes_at("start"), np.random.default_rng(7)
     room = Room(world.placed_at(nodes), baxter().arms, np.zeros(len(world.kind)))
     told = []
