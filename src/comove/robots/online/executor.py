@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array
 from comove.control.clouds import Clouds
@@ -265,10 +264,7 @@ class JointExecutor(ControlLoop):
         if not self.carrier.grasp.keypoints:
             return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
         (group,), nodes = self.scene.groups, self.scene.nodes_at("start")
-        turns = (
-            held[:, :3, :3] @ self.carrier.grasp.hand_rotations(nodes).swapaxes(1, 2) @ group.start.rotation
-        )
-        rotation = Rotation.from_matrix(turns).mean().as_matrix()
+        rotation = self.carrier.grasp.payload_rotations(held[:, :3, :3], nodes, group.start.rotation)
         center = held[:, :3, 3].mean(axis=0) - rotation @ group.grasps.mean(axis=0)
         return HandPoses(center[None], quaternion_of_rotation(rotation)[None])
 
