@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from comove.errors import ExtraError, OptionError
@@ -186,6 +187,9 @@ def robot_of(scene: Scene, robot: Robot | str | Literal[False] | None = None) ->
         raise ExtraError("a robot (robot=False leaves its joints out)", "robot") from None
     if robot is None:
         return Robot.load(str(scene.file.robot), scene.folder)
+    if not isinstance(robot, (Robot, str, Path)):
+        way_out = "give a Robot, its name, or the path of its description; False leaves its joints out"
+        raise OptionError(f"robot = {robot!r}", way_out=way_out)
     return robot if isinstance(robot, Robot) else Robot.load(robot)
 
 
