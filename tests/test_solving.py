@@ -119,8 +119,14 @@ def test_a_folder_is_verified_against_objects_and_paths_alike(carried, tmp_path)
         assert all(part.verified for part in comove.verify(folder, **options)), options
     _, joints = comove.verify(folder, robot=robot("two_xarm7"))
     assert not joints.verified and "two_xarm7" in joints.against[-1]
+
+
+def test_bad_arguments_are_refused_with_a_robot_too():
+    for budget in (-1, "10", np.nan):
+        with pytest.raises(OptionError, match=f"budget = {budget!r}; give a positive number of seconds"):
+            comove.solve(gantry_scene(), robot=robot("gantry"), budget=budget)
     with pytest.raises(OptionError, match=r"robot = True; give a Robot, its name, or the path"):
-        comove.solve(carried.scene, robot=True)
+        comove.solve(gantry_scene(), robot=True)
 
 
 def test_executions_are_verified_as_motions_are():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from comove.errors import ExtraError, OptionError
 from comove.model.scene import Scene
-from comove.planning.arguments import check_scene
+from comove.planning.arguments import check_budget, check_scene
 from comove.planning.clock import Budget
 from comove.planning.displays import displayed
 from comove.planning.effort import EffortLevel, EffortName
@@ -142,6 +142,7 @@ def solve(
         "effort": effort,
         "stop": stop,
     }
+    check_budget(budget)
     with displayed(progress, budget) as tell:
         wanted |= {"method": method, "budget": budget, "objective": objective, "progress": tell or None}
         if (arms := robot_of(scene, robot)) is None:

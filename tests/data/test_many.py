@@ -104,4 +104,6 @@ def test_bad_options_are_refused_at_once():
         comove.solve_many([], workers=0)
     with pytest.raises(OptionError, match="effort"):
         comove.solve_many([], effort="hard")
+    with pytest.raises(OptionError, match="budget = -1; give a positive number of seconds"):
+        comove.solve_many([], budget=-1)
     assert list(comove.solve_many([])) == []

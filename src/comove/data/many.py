@@ -18,6 +18,7 @@ from comove.errors import OptionError
 from comove.model.demonstration import demonstration_of
 from comove.model.scene import Scene
 from comove.planning import LeastJerk, LeastTime, PaperCost, SceneKind, Solution
+from comove.planning.arguments import check_budget
 from comove.planning.effort import EffortLevel, EffortName
 from comove.planning.method import Method
 from comove.planning.warming import JOBS, require
@@ -199,6 +200,7 @@ def solve_many(
     """
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="workers", way_out="give 1 or more")
+    check_budget(budget)
     effort = EffortLevel.of(effort)
     work = SolvingWork(demonstration, seed, method, planner, budget, objective, robot, effort)
     return _outcomes(work, enumerate(scenes), workers)
