@@ -143,7 +143,7 @@ def delivered(name: str, models: list[str], apart: float, folder: Path, seed: in
         ["new", *urdfs, "--out", robot, "--apart", apart],
         ["scene", robot, "--out", scene, "--seed", seed],
         ["solve", scene, "--out", carried, "--seed", seed],
-        ["simulate", carried, "--seed", seed, "--no-pictures"],
+        ["simulate", carried, "--perturbed", seed, "--no-pictures"],
     ]
     outcome = ""
     for command in commands:

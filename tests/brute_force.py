@@ -170,7 +170,7 @@ def hands_of(coordinates, q, file=None):
     lower = {} if file is None else _same_height(file, coordinates.groups)
     heights = {}
     for group in coordinates.groups:
-        first, held = group.members[0], group.grasps[:, :n_dims]
+        first, held = group.members[0], (group.unturned @ group.grasps.T).T[:, :n_dims]
         own = n_dims - 1 if lower.get(first, first) != first else n_dims
         center = np.concatenate(
             [q[:, column : column + own], heights.get(lower.get(first), q[:, :0])], axis=1

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,14 @@ import pytest
 import comove
 from comove.control import Executor as FreeExecutor
 from comove.errors import OptionError
+from comove.model import CoordinatedMotion
+from comove.model.files.keys import canonical
 from comove.planning import Budget, SceneKind, Solution, load_kernels
 from comove.robots import JointVerdict, carry
 from comove.robots.online.executor import JointExecutor
 from comove.stored import ResultPart
 from comove.verification import Verdict
+from tests.robots.known_carry import known_carry
 from tests.robots.known_folder import write
 from tests.robots.small_robots import gantry_scene, robot
 from tests.solved import example
@@ -95,12 +99,74 @@ def test_motions_solutions_and_folders_are_verified_by_one_call(carried, tmp_pat
     assert comove.verify(carried.attempt, checks=[lambda motion: ["no"]]).reasons == ("no",)
 
 
+def test_a_further_check_is_made_of_whatever_has_a_motion(carried):
+    """A solution with joints, its verified motion and the joints of either are no exception."""
+    bare = replace(carried, joints=None)
+    for thing in (carried, bare, carried.motion, carried.joints, carried.joints.motion):
+        seen = list[CoordinatedMotion]()
+        assert comove.verify(thing, checks=[lambda motion, seen=seen: seen.append(motion) or ()]).verified
+        assert seen == [carried.attempt]
+        refused = comove.verify(thing, checks=[lambda motion: ["too blue"]])
+        assert refused.verified is None and refused.reasons[0].endswith("too blue")
+
+
+def test_a_folder_is_verified_against_objects_and_paths_alike(carried, tmp_path):
+    """The robot and the scene that are trusted may be loaded already."""
+    folder, known = write(tmp_path / "known"), known_carry()[0].scene
+    path = tmp_path / "trusted.json"
+    path.write_bytes(canonical(known.file))
+    for options in ({"robot": robot("baxter")}, {"scene": known, "robot": "baxter"}, {"scene": path}):
+        assert all(part.verified for part in comove.verify(folder, **options)), options
+    _, joints = comove.verify(folder, robot=robot("two_xarm7"))
+    assert not joints.verified and "two_xarm7" in joints.against[-1]
+
+
+def test_bad_arguments_are_refused_with_a_robot_too():
+    for budget in (-1, "10", np.nan):
+        with pytest.raises(OptionError, match=f"budget = {budget!r}; give a positive number of seconds"):
+            comove.solve(gantry_scene(), robot=robot("gantry"), budget=budget)
+    with pytest.raises(OptionError, match=r"robot = True; give a Robot, its name, or the path"):
+        comove.solve(gantry_scene(), robot=True)
+
+
+def test_executions_are_verified_as_motions_are():
+    """That a record of an execution holds is said by the same call, and what is wrong with one is told."""
+    executor = comove.Executor(example("wide"), seed=0)
+    record = executor.run(20.0)
+    done = comove.verify(record)
+    assert done.verified and done.part is ResultPart.RUN and executor.ended and not executor.interrupted
+    assert done.report.clearance_min >= record.scene.clearance
+    half = {name: getattr(record, name)[:50] for name in ("time", "center", "quaternion", "obstacles")}
+    short = comove.verify(replace(record, **half, sagitta=record.sagitta[:49]))
+    assert not short.verified and "goal is missed" in short.reasons[0]
+    with pytest.raises(OptionError, match="checks: further checks are of motions"):
+        comove.verify(record, checks=[list])
+
+
+@pytest.mark.slow
+def test_both_executors_are_run_recorded_and_verified_by_the_same_calls():
+    """Joints follow their commands exactly; they hold the payload, and a link that goes astray is told."""
+    executor = comove.Executor(gantry_scene(), robot=robot("gantry"), seed=0)
+    record = executor.run(30.0)
+    assert executor.ended and executor.blocker == "" and not executor.interrupted
+    done = comove.verify(record)
+    assert done.verified and done.part is ResultPart.ROBOT_RUN, done.reasons
+    arms = [executor.robot.arm(name) for name in record.scene.manipulators]
+    tools = executor.robot.tool_poses(record.joints, arms)[..., :3, 3]
+    np.testing.assert_allclose(tools, record.position, atol=1e-9)
+    joints = record.joints.copy()
+    joints[len(joints) // 2 :] += 0.01
+    assert any("off the load" in reason for reason in comove.verify(replace(record, joints=joints)).reasons)
+
+
 @pytest.mark.parametrize(
     ("thing", "options", "told"),
     [
         (3, {}, "thing: a int cannot be verified"),
         ("motion", {"robot": "baxter"}, "robot: a motion has its own"),
         ("folder", {"checks": [list]}, "checks: further checks are of motions"),
+        ("folder", {"robot": False}, "robot = False; give a Robot, its name, or the path of its description"),
+        ("folder", {"scene": 3}, "scene = 3; give a Scene, or the path of its file"),
     ],
 )
 def test_what_cannot_be_verified_is_told(thing, options, told, carried, tmp_path):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from comove.errors import ExtraError, OptionError
 from comove.model.scene import Scene
-from comove.planning.arguments import check_scene
+from comove.planning.arguments import check_budget, check_scene
 from comove.planning.clock import Budget
 from comove.planning.displays import displayed
 from comove.planning.effort import EffortLevel, EffortName
@@ -141,6 +142,7 @@ def solve(
         "effort": effort,
         "stop": stop,
     }
+    check_budget(budget)
     with displayed(progress, budget) as tell:
         wanted |= {"method": method, "budget": budget, "objective": objective, "progress": tell or None}
         if (arms := robot_of(scene, robot)) is None:
@@ -186,6 +188,9 @@ def robot_of(scene: Scene, robot: Robot | str | Literal[False] | None = None) ->
         raise ExtraError("a robot (robot=False leaves its joints out)", "robot") from None
     if robot is None:
         return Robot.load(str(scene.file.robot), scene.folder)
+    if not isinstance(robot, (Robot, str, Path)):
+        way_out = "give a Robot, its name, or the path of its description; False leaves its joints out"
+        raise OptionError(f"robot = {robot!r}", way_out=way_out)
     return robot if isinstance(robot, Robot) else Robot.load(robot)
 
 

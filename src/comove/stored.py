@@ -23,7 +23,7 @@ from comove.model.scene import Scene
 from comove.results.reference import Reference, reference_of
 from comove.results.sealed import Arrays, Summary
 from comove.results.solution import StoredResult, read_result, rebuild, verify_result
-from comove.verification.verify import Check, Report, Verdict
+from comove.verification.verify import Check, Report, Verdict, VerifiedMotion
 from comove.verification.verify import verify as verify_motion
 
 Row = tuple[str, str, str]
@@ -76,6 +76,8 @@ _ROBOT_RUN: tuple[_Described, ...] = (
     ("servos behind", "lag_max", "{:.2g} rad at most", 1.0),
     ("took", "duration_s", "{:.2f} s", 1.0),
 )
+_SIMULATED = ("hands' distance", "servos behind", "took")
+"""Rows of a robot's run that say nothing of one whose commands were followed exactly."""
 _SIMULATION: tuple[_Described, ...] = (
     ("load from its goal", "end_error", "{:.3g} mm", 1e3),
     ("hands' distances", "distance_error_max", "off by {:.3g} mm at most", 1e3),
@@ -234,8 +236,8 @@ if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot
     from comove.robots.motion import JointMotion
     from comove.robots.verification.verify import JointVerdict, VerifiedJointMotion
-    from comove.sim.live_record import OnlineRecord
-    from comove.verification.record import Record
+    from comove.sim.live_record import OnlineRecord, OnlineReport
+    from comove.verification.record import ExecutionReport, Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,26 +297,28 @@ class Verification:
 def verify(
     thing: Any,
     *,
-    scene: Scene | None = None,
-    robot: str | Path | None = None,
+    scene: Scene | str | Path | None = None,
+    robot: Robot | str | Path | None = None,
     checks: Sequence[Check] = (),
-) -> Verdict | JointVerdict | tuple[Verification, ...]:
-    """Verify a motion, a solution or a result folder anew.
+) -> Verdict | JointVerdict | Verification | tuple[Verification, ...]:
+    """Verify a motion, a solution, an execution or a result folder anew.
 
     Parameters
     ----------
     thing
         A `comove.model.CoordinatedMotion`, or a `Solution`: the motion of its end effectors and, where a robot
-        carries, of its joints. Or the path of a result folder.
+        carries, of its joints; or the verified motion of either. Or the record of an execution, as of
+        `comove.Executor(scene).run`. Or the path of a result folder.
     scene, robot
-        The scene, and the robot's name or description, that you trust; those that the folder names unless given.
-        Of folders only.
+        The scene, and the robot, that you trust, or the paths of their files; those that the folder names unless
+        given. Of folders only.
     checks
-        Further checks of a motion of end effectors.
+        Further checks of a motion of end effectors, whether or not joints carry it out.
 
     Returns
     -------
-    Verdict of the motion, JointVerdict of a solution with joints, or one `Verification` for each part of the folder
+    Verdict of the motion, JointVerdict where joints carry it out, `Verification` of an execution, or one for each
+    part of the folder
 
     Raises
     ------
@@ -326,27 +330,118 @@ def verify(
     if isinstance(thing, (str, Path)):
         if checks:
             raise OptionError("further checks are of motions", key="checks", way_out="leave them out")
+        if isinstance(scene, (str, Path)):
+            scene = Scene.load(scene)
+        if not (scene is None or isinstance(scene, Scene)):
+            raise OptionError(f"scene = {scene!r}", way_out="give a Scene, or the path of its file")
+        if not (robot is None or isinstance(robot, (str, Path, _robots().Robot))):
+            raise OptionError(
+                f"robot = {robot!r}", way_out="give a Robot, its name, or the path of its description"
+            )
         return verify_folder(thing, scene, robot)
     if scene is not None or robot is not None:
         key = "robot" if scene is None else "scene"
         raise OptionError("a motion has its own", key=key, way_out="leave it out, or name a result folder")
-    motion, joints = getattr(thing, "attempt", thing), getattr(thing, "joints", None)
-    if not isinstance(motion, CoordinatedMotion):
-        raise OptionError(
-            f"a {type(thing).__name__} cannot be verified",
-            key="thing",
-            way_out="give a motion, a solution, or the path of a result folder",
-        )
-    if joints is None:
+    motion, carrier = _motion_of(thing)
+    if motion is None:
+        return _verified_execution(thing, checks)
+    if carrier is None:
         return verify_motion(motion, checks)
     from comove.robots import verify_joints
 
-    verdict: JointVerdict = verify_joints(joints.robot, motion, joints.attempt)
+    verdict: JointVerdict = verify_joints(carrier[0], motion, carrier[1], checks=checks)
     return verdict
 
 
+def _motion_of(thing: Any) -> tuple[CoordinatedMotion | None, tuple[Robot, JointMotion] | None]:
+    """Return the motion of something, and the robot and joints that carry it out; None for what has none."""
+    motion, joints = getattr(thing, "motion", None), getattr(thing, "joints", None)
+    if isinstance(thing, (CoordinatedMotion, VerifiedMotion)):
+        return (thing if isinstance(thing, CoordinatedMotion) else thing.motion), None
+    if isinstance(attempt := getattr(thing, "attempt", None), CoordinatedMotion):  # a Solution
+        return attempt, None if joints is None else (joints.robot, joints.attempt)
+    if isinstance(motion, VerifiedMotion):  # a VerifiedJointMotion
+        return motion.motion, (thing.robot, thing.joints)
+    if isinstance(getattr(motion, "motion", None), VerifiedMotion):  # joints of a Solution
+        return _motion_of(motion)
+    return None, None
+
+
+def _verified_execution(record: Any, checks: Sequence[Check]) -> Verification:
+    """Return the verification of the record of an execution, or refuse what is none."""
+    from comove.verification.record import Record, RecordSamples, verify_execution
+
+    is_online = hasattr(record, "commanded") and hasattr(
+        record, "measured"
+    )  # by a robot, as a simulator saw it
+    if not (is_online or isinstance(record, (Record, RecordSamples))):
+        raise OptionError(
+            f"a {type(record).__name__} cannot be verified",
+            key="thing",
+            way_out="give a motion, a solution, the record of an execution, or the path of a result folder",
+        )
+    if checks:
+        raise OptionError("further checks are of motions", key="checks", way_out="leave them out")
+    against = ("the record's own scene", *limits_row(record.scene))
+    if is_online:
+        return _of_robot_run(record, against)
+    report = verify_execution(record)
+    found = _of_run(record, report, against)
+    if not hasattr(record, "joints"):
+        return found
+    from comove.sim.robot_runs import followed
+
+    carried = _of_robot_run(followed(record), against)
+    return replace(
+        carried,
+        reasons=tuple(dict.fromkeys((*found.reasons, *carried.reasons))),
+        rows=(*found.rows, *(row for row in carried.rows if row[0] not in _SIMULATED)),
+        report=report,
+        record=record,
+    )
+
+
+def _of_run(
+    record: Record, report: ExecutionReport, against: tuple[str, ...], summary: Summary | None = None
+) -> Verification:
+    """Return the verification of an execution of end effectors."""
+    rows = motion_rows({**report.asdict(), "duration": float(record.time[-1])}, record.scene)
+    return Verification(
+        part=ResultPart.RUN,
+        scene=record.scene,
+        against=against,
+        reasons=report.reasons,
+        rows=tuple(rows),
+        summary=summary or {},
+        report=report,
+        record=record,
+    )
+
+
+def _of_robot_run(
+    record: OnlineRecord,
+    against: tuple[str, ...],
+    report: OnlineReport | None = None,
+    summary: Summary | None = None,
+) -> Verification:
+    """Return the verification of an execution by a robot."""
+    from comove.sim.live_record import judge_run
+
+    report = report or judge_run(record)
+    return Verification(
+        part=ResultPart.ROBOT_RUN,
+        scene=record.scene,
+        against=against,
+        reasons=report.reasons,
+        rows=tuple(run_rows(vars(report))),
+        summary=summary or {},
+        robot=record.robot,
+        online=record,
+    )
+
+
 def verify_folder(
-    folder: str | Path, scene: Scene | None = None, robot: str | Path | None = None
+    folder: str | Path, scene: Scene | None = None, robot: Robot | str | Path | None = None
 ) -> tuple[Verification, ...]:
     """Verify all parts of a result folder anew.
 
@@ -355,7 +450,7 @@ def verify_folder(
     scene
         A trusted scene; the folder's own unless given.
     robot
-        Name or path of a trusted robot description; the one of the scene unless given.
+        A trusted robot, or name or path of its description; the one of the scene unless given.
 
     Raises
     ------
@@ -371,7 +466,7 @@ def verify_folder(
 
 
 def verify_part(
-    folder: str | Path, part: ResultPart, scene: Scene | None = None, robot: str | Path | None = None
+    folder: str | Path, part: ResultPart, scene: Scene | None = None, robot: Robot | str | Path | None = None
 ) -> Verification:
     """Verify one part of a result folder anew; as `verify_folder`."""
     return _Folder(Path(folder), scene, robot).verify(part)
@@ -380,7 +475,7 @@ def verify_part(
 class _Folder:
     """A result folder, and what its parts are verified against."""
 
-    def __init__(self, folder: Path, scene: Scene | None, robot: str | Path | None):
+    def __init__(self, folder: Path, scene: Scene | None, robot: Robot | str | Path | None):
         self.folder, self.robot = folder, robot
         self.given = reference_of(folder, scene)
 
@@ -464,18 +559,8 @@ class _Folder:
         stored = read_run(self.folder, self.given.scene)
         reference = self.given.for_result(self.folder, stored.summary)
         stored = StoredRun(stored.folder, stored.summary, stored.arrays, reference.scene)
-        report = verify_run(stored)
-        rows = motion_rows({**report.asdict(), "duration": float(stored.record.time[-1])}, reference.scene)
-        return Verification(
-            part=ResultPart.RUN,
-            scene=reference.scene,
-            against=(str(reference), *limits_row(reference.scene)),
-            reasons=report.reasons,
-            rows=tuple(rows),
-            summary=stored.summary,
-            report=report,
-            record=stored.record,
-        )
+        against = (str(reference), *limits_row(reference.scene))
+        return _of_run(stored.record, verify_run(stored), against, stored.summary)
 
     def _robot_run(self) -> Verification:
         from comove.sim.robot_runs import ROBOT_RUN, read_robot_run, verify_robot_run
@@ -484,16 +569,7 @@ class _Folder:
         reference = self.given.for_result(self.folder, stored.summary)
         source = _robots().robot_of(self.folder, reference, self.robot, ROBOT_RUN)
         record, report = verify_robot_run(stored, reference.scene, source.robot)
-        return Verification(
-            part=ResultPart.ROBOT_RUN,
-            scene=reference.scene,
-            against=(str(reference), str(source)),
-            reasons=report.reasons,
-            rows=tuple(run_rows(vars(report))),
-            summary=stored.summary,
-            robot=source.robot,
-            online=record,
-        )
+        return _of_robot_run(record, (str(reference), str(source)), report, stored.summary)
 
     def _simulation(self) -> Verification:
         from comove.robots.verification.checks import without_gripper

@@ -10,16 +10,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 import comove
 from comove.data import Study, StudyStore, on_processes, run_study
 from comove.data.datasets import FORMATS, export_episodes
 from comove.data.datasets.lerobot import ENVIRONMENT, STATE, Statistics
 from comove.data.datasets.mcap import movements_of
-from comove.data.datasets.samples import episodes_of
+from comove.data.datasets.samples import EpisodeSamples, episodes_of
+from comove.data.episode import sample_times
 from comove.data.runs import RUNS
+from comove.dmp import motion_basis
 from comove.errors import OptionError, ResultError
-from comove.model import Scene
+from comove.model import CoordinatedMotion, Scene, load_coordinates
+from comove.model.coordinates import poses_at
 from comove.model.files.keys import canonical
 from tests.commands import invoke
 
@@ -159,13 +163,59 @@ def test_mcap_reads_back(done):
         assert np.array_equal(post.position[0, :2], scene.file.obstacles[1].center)
 
 
+ROLLED = {
+    "version": 2,
+    "name": "rolled",
+    "duration": 4.0,
+    "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+    "payload": {
+        "shape": "box",
+        "size": [0.3, 0.1, 0.05],
+        "start": {"position": [0.3, 0.4, 0.5], "rpy_deg": [10, 20, 40]},
+        "goal": {"position": [0.6, 0.5, 0.5], "rpy_deg": [80, 20, 40]},
+    },
+    "grasps": {
+        name: {"position": [x, 0, 0], "approach": [0, 0, -1], "closing": [0, 1, 0]}
+        for name, x in (("left", 0.15), ("right", -0.15))
+    },
+}
+
+
+@pytest.mark.parametrize("constraints", [[], [{"type": "axis", "axis": [1, 0, 0], "frame": "payload"}]])
+@pytest.mark.parametrize("on_robot", [False, True])
+def test_the_roll_of_a_payload_is_not_guessed_from_two_hands(constraints, on_robot):
+    """It is that of the motion, or of the hands' orientations where joints place them."""
+    scene = Scene.from_dict(ROLLED | {"constraints": constraints})
+    coordinates, basis = load_coordinates(scene), motion_basis(12, "jerk")
+    weights = 0.03 * np.random.default_rng(0).normal(size=(coordinates.n_columns, 12))
+    motion = CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
+    time = sample_times(scene, RATE)
+    q, hands, _ = motion.at(time / scene.duration)[0], *motion.hands(time / scene.duration)[:2]
+    frames = scene.grasp.hand_rotations(coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
+    orientation = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    joints = SimpleNamespace(hands=hands, orientation=orientation.reshape(*frames.shape[:2], 4))
+    episode = EpisodeSamples(None, SimpleNamespace(motion=motion), RATE, joints if on_robot else None)
+    (load,) = (own for name, own in movements_of(episode) if name == "load")
+    right = poses_at(coordinates, q)
+    off = Rotation.from_quat(load.orientation, scalar_first=True)
+    off *= Rotation.from_quat(right.quaternion[:, 0], scalar_first=True).inv()
+    assert off.magnitude().max() < 1e-7
+    np.testing.assert_allclose(load.position, right.center[:, 0], atol=1e-9)
+    start = Rotation.from_euler("xyz", [10, 20, 40], degrees=True)
+    assert (start.inv() * Rotation.from_quat(load.orientation[0], scalar_first=True)).magnitude() < 1e-7
+
+
 def test_topics_of_obstacles_are_their_names_where_ros_allows_them(done):
     episode = done[1][0]
     contents = episode.scene.file.model_dump(mode="json", exclude_none=True)
     for obstacle, name in zip(contents["obstacles"], ("shelf", "left", "two-words"), strict=True):
         obstacle["name"] = name
     named = SimpleNamespace(
-        scene=Scene.from_dict(contents), time=episode.time, position=episode.position, run=episode.run
+        scene=Scene.from_dict(contents),
+        time=episode.time,
+        position=episode.position,
+        group_poses=episode.group_poses,
+        run=episode.run,
     )
     assert [name for name, _ in movements_of(named)][-3:] == ["shelf", "obstacle1", "obstacle2"]
 

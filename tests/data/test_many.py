@@ -10,6 +10,7 @@ from comove.lab.examples import example_path
 from comove.model import demonstration_of
 from comove.planning import PaperCost
 from comove.planning.methods import Quick
+from tests.robots.small_robots import gantry, gantry_scene, robot
 
 
 def scenes(*goals):
@@ -32,8 +33,32 @@ def test_each_scene_gives_what_solve_gives():
         assert one.verified and one.reasons == ()
         assert np.array_equal(one.solution.attempt.weights, alone.attempt.weights)
         assert one.solution.report == alone.report
-        assert one.solution.motion is None  # a seal does not pass between processes
+        assert one.found.motion is None  # a seal does not pass between processes
+        assert one.solution.verified and one.motion is one.solution.motion
         assert one.motion.clearance_min == alone.motion.clearance_min
+
+
+@pytest.mark.slow
+def test_a_robot_carries_as_it_does_alone(tmp_path):
+    """Named by the scenes or given, as a name or loaded; joints are verified anew here, and none are left out."""
+    named = gantry_scene().file.model_dump(mode="json", exclude_none=True)
+    named["robot"] = str(gantry(tmp_path))
+    scene = comove.Scene.from_dict(named, folder=tmp_path)
+    alone = comove.solve(scene, seed=3, effort="quick")
+    assert alone.verified
+    given = {"robot": robot("gantry")}, {"robot": named["robot"]}, {}
+    for options in given:
+        of = scene if not options else gantry_scene()
+        (one,) = comove.solve_many([of], workers=1, seed=3, effort="quick", **options)
+        assert one.status == "verified" and one.solution.verified and one.reasons == ()
+        joints = one.solution.joints
+        assert joints.motion.motion.motion is one.solution.attempt
+        np.testing.assert_array_equal(joints.attempt.position, alone.joints.attempt.position)
+    (free,) = comove.solve_many([scene], workers=1, robot=False)
+    assert free.verified and free.solution.joints is None
+    scene = comove.Scene.from_dict(named | {"robot": "none.yaml"}, folder=tmp_path)
+    (refused,) = comove.solve_many([scene], workers=1)
+    assert refused.status == "refused" and "none.yaml" in refused.reasons[0]
 
 
 def test_kernels_are_compiled_before_processes_that_would_compile_alone(monkeypatch):
@@ -77,4 +102,8 @@ def test_options_reach_the_search():
 def test_bad_options_are_refused_at_once():
     with pytest.raises(OptionError, match="workers = 0"):
         comove.solve_many([], workers=0)
+    with pytest.raises(OptionError, match="effort"):
+        comove.solve_many([], effort="hard")
+    with pytest.raises(OptionError, match="budget = -1; give a positive number of seconds"):
+        comove.solve_many([], budget=-1)
     assert list(comove.solve_many([])) == []

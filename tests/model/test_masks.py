@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove import solve
+from comove.control.safety.twists import poses_of
 from comove.dmp import motion_basis
 from comove.errors import ComoveWarning, SceneError
 from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.model.constraints import DirectionConstraint, RotationConstraint
-from comove.model.coordinates import poses_at, projected_coordinates
+from comove.model.coordinates import HandPoses, poses_at, projected_coordinates
+from comove.model.shapes import spatial
 from comove.verification.bounds import node_bounds
 from comove.verification.verify import MotionCourse, verify
 from tests.cases import examples
@@ -91,6 +93,76 @@ def test_whatever_a_search_does_keeps_it_to_rounding(constraint, turn, shift, ax
     verdict = verify(motion)
     assert not [reason for reason in verdict.reasons if "payload" in reason]
     assert verdict.report.constraint_excess_max <= 0.0
+
+
+FLAT = {
+    "workspace": {"lower": [0, 0], "upper": [1, 1]},
+    "payload": {
+        "shape": "polygon",
+        "vertices": [[-0.1, -0.05], [0.1, -0.05], [0.0, 0.1]],
+        "start": {"position": [0.3, 0.3], "angle_deg": 40},
+        "goal": {"position": [0.7, 0.6], "angle_deg": 40},
+    },
+    "grasps": {"a": {"position": [-0.1, -0.05]}, "b": {"position": [0.1, -0.05]}},
+}
+BAR = {"shape": "bar", "length": 0.3, "radius": 0.01}
+POSED = [
+    *(held(constraint, turn, shift) for constraint, turn, shift, *_ in KEPT),
+    held({"type": "upright"}, about([0, 0, 1], 70.0)),
+    held({"type": "upright", "tolerance_deg": 40}, about([0, 0, 1], 70.0)),
+    held([], None, grasps={"a": {"position": [-0.15, 0.02, 0]}}),
+    held([], about(SLANTED, 40.0)),
+    SCENE | FLAT | {"constraints": [{"type": "no_rotation"}]},
+    SCENE | FLAT | {"constraints": [{"type": "upright"}]},
+]
+for one in (held([], about(SLANTED, 40.0)), held({"type": "upright"}, about([0, 0, 1], 70.0))):
+    one["payload"] = BAR | {end: one["payload"][end] for end in ("start", "goal")}
+    POSED.append(one)
+
+
+@pytest.mark.parametrize("data", POSED)
+def test_the_pose_of_a_group_is_that_of_its_payload(data):
+    """In the world and in the payload's own frame, whatever of it is kept: in plans, and as an execution goes."""
+    scene = Scene.from_dict(data)
+    coordinates, basis = load_coordinates(scene), motion_basis(12, "jerk")
+    weights = 0.03 * np.random.default_rng(0).normal(size=(coordinates.n_columns, 12))
+    motion = CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
+    s, n_dims = np.linspace(0.0, 1.0, 101), scene.n_dims
+    poses, hands = poses_at(coordinates, motion.at(s)[0]), motion.hands(s)[0]
+    start = data["payload"]["start"]
+    turn = Rotation.from_euler("z", start.get("angle_deg", 0.0), degrees=True)
+    if "quaternion_wxyz" in start:
+        turn = Rotation.from_quat(start["quaternion_wxyz"], scalar_first=True)
+    for found in (HandPoses(poses.center[0], poses.quaternion[0]), poses_of(scene, "start")):
+        assert (Rotation.from_quat(found.quaternion[0], scalar_first=True) * turn.inv()).magnitude() < 1e-9
+        np.testing.assert_allclose(found.center[0, :n_dims], start["position"], atol=1e-12)
+    turned = Rotation.from_quat(poses.quaternion[:, 0], scalar_first=True)
+    for hand, grasp in enumerate(data["grasps"].values()):
+        there = poses.center[:, 0] + turned.apply(spatial(np.array(grasp["position"])))
+        np.testing.assert_allclose(there[:, :n_dims], hands[:, hand], atol=1e-12)
+
+
+@pytest.mark.parametrize("way", [[0, 0.2, 0], [0, -0.2, 0], [-0.2, 0, 0], [-0.1, 0.1, 0.1]])
+def test_the_x_axis_of_a_bar_points_along_it(way):
+    """In files of version 1 as well, with a bar that stays upright, whichever way it points."""
+    first = np.array([[0.3, 0.5, 0.3], [0.3, 0.5, 0.3] + np.array(way)])
+    goal = first + [0.3, 0.1, 0.2]
+    ends = zip("ab", first.tolist(), goal.tolist(), strict=True)
+    data = {
+        "name": "old",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+        "load": {"shape": "bar", "length": float(np.linalg.norm(way))},
+        "manipulators": [{"name": name, "start": start, "goal": end} for name, start, end in ends],
+        "constraints": [{"type": "upright"}],
+    }
+    scene = Scene.from_dict(data)
+    turn = Rotation.from_quat(poses_of(scene, "start").quaternion[0], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(turn[:, 0], way / np.linalg.norm(way), atol=1e-12)
+    assert turn[2, 2] > 0.5  # not upside down
+    coordinates = load_coordinates(scene)
+    (own,) = poses_at(coordinates, coordinates.boundary()[0]).quaternion
+    np.testing.assert_allclose(np.abs(own @ poses_of(scene, "start").quaternion[0]), 1.0, atol=1e-12)
 
 
 def free_motion(turn, seed):

@@ -23,14 +23,15 @@ def simulate(
     grasp: Annotated[
         str, typer.Option(help="How end effectors hold the payload: weld, connect, friction.")
     ] = "weld",
-    seed: Annotated[
+    perturbed: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="Draw friction, mass, gains, the load's place in the hands and a push from this seed; "
+            help="Draw friction, mass, gains, the payload's place in the end effectors and a push from this seed; "
             "as planned unless given.",
         ),
     ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, hidden=True)] = None,  # its former name
     pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
     film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
     *,
@@ -46,7 +47,7 @@ def simulate(
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
     motion = trusted.verified(folder)
     require_target(folder / "simulation.npz", ResultError)
-    robot = motion.robot
+    robot, seed = motion.robot, seed if perturbed is None else perturbed
     drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
     execution = simulate(motion.joints, motion.scene, robot, GRASPS[grasp](), drawn)
     summary = write_simulation(execution, folder, seed=seed)

@@ -12,24 +12,18 @@ import warnings
 
 import numpy as np
 
-from comove.arrays import Array
 from comove.control.loop import ControlLoop
-from comove.control.observers import Known, Observer, going_on
+from comove.control.observers import Known, Observer
 from comove.control.replanning import SETTINGS, Pace, Plan, PlanReplanner
-from comove.control.safety.cbf_qp import NOTHING, FilterSettings, SafetyFilter
+from comove.control.safety.cbf_qp import FilterSettings, SafetyFilter
 from comove.control.safety.twists import nodes_of
-from comove.dmp.arguments import require_positive
 from comove.dmp.dmp import DMP
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import ComoveWarning, OptionError
-from comove.model.coordinates import HandPoses
 from comove.model.resting import require_no_rest
 from comove.model.scene import Scene
 from comove.planning.arguments import movements_of, warn_of_adaptation
-from comove.planning.search import Interruption
-from comove.processes import one_blas_thread
-from comove.verification.record import Record
 from comove.verification.verify import VerifiedMotion
 
 
@@ -88,7 +82,6 @@ class Executor(ControlLoop):
         self.catch_up, self.at_goal, self.at_rest = SETTINGS.catch_up, SETTINGS.at_goal, SETTINGS.at_rest
         self.filter = SafetyFilter(scene, pace.period, FilterSettings(spare=SETTINGS.spare))
         self.replanner: PlanReplanner = PlanReplanner(movements, seed, pace)
-        self._interruption = Interruption()
         self.observer.carried(self.time, nodes_of(scene, self.poses))
         if plan is not None:
             if plan.motion.scene.sha256 != scene.sha256:
@@ -105,11 +98,6 @@ class Executor(ControlLoop):
         return self.replanner.plan
 
     @property
-    def interrupted(self) -> bool:
-        """Return whether Ctrl-C has ended the run."""
-        return self._interruption.wished
-
-    @property
     def ended(self) -> bool:
         """Return whether the payload has arrived, and the plan has come to its end."""
         return self.arrived and (self.plan is None or self.time >= self.plan.ends - 1e-9)
@@ -119,62 +107,5 @@ class Executor(ControlLoop):
         self._step()
         self.observer.carried(self.time, nodes_of(self.scene, self.poses))
 
-    @one_blas_thread()
-    def run(self, budget: float) -> Record:
-        """Execute until the payload has arrived, or for `budget` [s] of simulated time, and return the record.
-
-        Raises
-        ------
-        OptionError
-            If the budget is not a positive number.
-        """
-        require_positive("budget", budget)
-        poses = [self.poses]
-        with self._interruption.noticed():
-            while not (self.interrupted or self.time >= budget - 1e-9):
-                self.step()
-                poses.append(self.poses)
-                if self.ended:
-                    break
-        if self.arrived or len(poses) == 1:
-            poses.append(self.poses)  # and stands
-        return self.record(poses)
-
-    def record(self, poses: list[HandPoses], scene: Scene | None = None) -> Record:
-        """Return the record of poses at every control step, on a scene in which obstacles moved as they did."""
-        time = self.period * np.arange(len(poses), dtype=np.float64)
-        if scene is None:
-            truth = self._truth(time)
-        else:
-            truth = scene.centers + scene.offsets(time), scene.obstacle_sagittas(time)
-        return Record(
-            scene or self.scene,
-            time,
-            np.array([p.center for p in poses]),
-            np.array([p.quaternion for p in poses]),
-            *truth,
-        )
-
-    @property
-    def blocker(self) -> str:
-        """Return what keeps the payload from its goal, in words; empty where nothing is known to."""
-        goal = self.goal
-        nodes = nodes_of(self.scene, goal)
-        seen = self.observer.observe(self.time)
-        still = np.zeros_like(seen.velocity)
-        there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
-        clearance, nearest = there.clearance_at(nodes, self.time)
-        if clearance < self.scene.clearance:
-            return f"{nearest} is where the load has to go"
-        most = max(self.log.blocking, key=self.log.blocking.__getitem__, default=NOTHING)
-        return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
-
-    def _truth(self, time: Array) -> tuple[Array, Array]:
-        """Return the true positions of the obstacles, and their distances from their chords between the steps."""
-        centers = self.observer.ground_truth(time)
-        if self.observer.certain:
-            return centers, self.scene.obstacle_sagittas(time)
-        between = 0.5 * (time[1:] + time[:-1])
-        return centers, np.linalg.norm(
-            self.observer.ground_truth(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2
-        )
+    def _follow(self) -> None:
+        self.step()

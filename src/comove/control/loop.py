@@ -17,11 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.control.observers import Observer
+from comove.control.observers import Observer, going_on
 from comove.control.safety.cbf_qp import NO_JOINTS, NOTHING, Allowed, JointState, SafetyFilter
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
+from comove.dmp.arguments import require_positive
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
+from comove.planning.search import Interruption
+from comove.processes import one_blas_thread
+from comove.verification.record import Record
 
 
 @dataclass(frozen=True)
@@ -154,6 +158,7 @@ class ControlLoop:
     def __init__(self, scene: Scene, observer: Observer, period: float):
         self.scene, self.observer, self.period = scene, observer, period
         self.log, self.n_steps, self.goal = ExecutionLog(), 0, poses_of(scene, "goal")
+        self._interruption = Interruption()
         self._stop_at(poses_of(scene, "start"))
 
     def _stop_at(self, poses: HandPoses) -> None:
@@ -176,6 +181,86 @@ class ControlLoop:
     def joints(self) -> Array:
         """Return the commanded joints of the arms, none of end effectors alone; array, shape (n_joints,) [rad]."""
         return np.zeros(0)
+
+    @property
+    def ended(self) -> bool:
+        """Return whether there is nothing left to do."""
+        return self.arrived
+
+    @property
+    def interrupted(self) -> bool:
+        """Return whether Ctrl-C has ended the run."""
+        return self._interruption.wished
+
+    @one_blas_thread()
+    def run(self, budget: float) -> Record:
+        """Execute until the payload has arrived, or for `budget` [s] of simulated time, and return the record.
+
+        Commands are followed exactly.
+
+        Raises
+        ------
+        OptionError
+            If the budget is not a positive number.
+        """
+        require_positive("budget", budget)
+        poses, joints = [self.poses], [self.joints]
+        with self._interruption.noticed():
+            while not (self.interrupted or self.time >= budget - 1e-9):
+                self._follow()
+                poses.append(self.poses)
+                joints.append(self.joints)
+                if self.ended:
+                    break
+        if self.arrived or len(poses) == 1:
+            poses.append(self.poses)  # and stands
+            joints.append(self.joints)
+        return self._recorded(self.record(poses), joints)
+
+    def _follow(self) -> None:
+        """Perform one control step whose commands are followed exactly."""
+        raise NotImplementedError
+
+    def _recorded(self, record: Record, joints: list[Array]) -> Record:
+        """Return a record with the joints at its times, arrays of shape (n_joints,), where there are some."""
+        return record
+
+    def record(self, poses: list[HandPoses], scene: Scene | None = None) -> Record:
+        """Return the record of poses at every control step, on a scene in which obstacles moved as they did."""
+        time = self.period * np.arange(len(poses), dtype=np.float64)
+        if scene is None:
+            truth = self._truth(time)
+        else:
+            truth = scene.centers + scene.offsets(time), scene.obstacle_sagittas(time)
+        return Record(
+            scene or self.scene,
+            time,
+            np.array([p.center for p in poses]),
+            np.array([p.quaternion for p in poses]),
+            *truth,
+        )
+
+    @property
+    def blocker(self) -> str:
+        """Return what keeps the payload from its goal, in words; empty where nothing is known to."""
+        seen = self.observer.observe(self.time)
+        still = np.zeros_like(seen.velocity)
+        there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
+        clearance, nearest = there.clearance_at(nodes_of(self.scene, self.goal), self.time)
+        if clearance < self.scene.clearance:
+            return f"{nearest} is where the load has to go"
+        most = max(self.log.blocking, key=self.log.blocking.__getitem__, default=NOTHING)
+        return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
+
+    def _truth(self, time: Array) -> tuple[Array, Array]:
+        """Return the true positions of the obstacles, and their distances from their chords between the steps."""
+        centers = self.observer.ground_truth(time)
+        if self.observer.certain:
+            return centers, self.scene.obstacle_sagittas(time)
+        between = 0.5 * (time[1:] + time[:-1])
+        return centers, np.linalg.norm(
+            self.observer.ground_truth(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2
+        )
 
     def distance_from(self, poses: HandPoses) -> float:
         """Return the largest distance of an end effector from its place at other poses [m]."""

@@ -62,7 +62,7 @@ def robot_of(scene: Scene) -> Robot:
     return robot_named(str(scene.file.robot), scene.folder)
 
 
-def robot_named(name: str, folder: Path) -> Robot:
+def robot_named(name: str, folder: Path | None) -> Robot:
     """Return a bundled robot, or that of a description beside the scene; as `robot_of`."""
     return _loaded(find_description(name, folder))
 

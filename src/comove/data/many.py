@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import islice
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from comove.dmp.dmp import DMP
 from comove.dmp.poses import PoseDMP
@@ -16,15 +17,22 @@ from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError
 from comove.model.demonstration import demonstration_of
 from comove.model.scene import Scene
-from comove.planning import Comove, LeastJerk, LeastTime, PaperCost, SceneKind, Solution, solve
+from comove.planning import LeastJerk, LeastTime, PaperCost, SceneKind, Solution
+from comove.planning.arguments import check_budget
+from comove.planning.effort import EffortLevel, EffortName
 from comove.planning.method import Method
 from comove.planning.warming import JOBS, require
 from comove.processes import TaskResult, run_tasks
+from comove.solving import solve
 from comove.verification.verify import VerifiedMotion, verify
 
 KILLS = 3  # of processes, after which a task is given up
 TIMES, MORE = 3.0, 630.0  # budgets, and seconds more (compiling among them), after which a task is stopped
 
+if TYPE_CHECKING:
+    from comove.robots import Robot
+
+Carrier: TypeAlias = "Robot | str | Path | Literal[False] | None"
 Taught = DMP | PoseDMP | ProMP | tuple[DMP, ...]
 Status = Literal["verified", "not verified", "refused", "error", "killed", "late"]
 
@@ -39,15 +47,17 @@ class Solved:
     status : "verified"; "not verified" for the best attempt; "refused" if the input is wrong; "error"; "killed" if
         its process was killed three times; "late" if it was stopped for taking far longer than its budget
     reasons : why it is not verified, in words
-    solution : the solution without its seal, which does not pass between processes: `motion` has it; None without one
+    found : the solution as it came from its process, without verified motions and without the robot; None without one
     seconds : time that the scene took in its process [s]
+    robot : as of `solve_many`
     """
 
     number: int
     status: Status
     reasons: tuple[str, ...]
-    solution: Solution | None
+    found: Solution | None
     seconds: float
+    robot: Carrier = field(default=None, repr=False)
 
     @property
     def verified(self) -> bool:
@@ -55,11 +65,23 @@ class Solved:
         return self.status == "verified"
 
     @cached_property
-    def motion(self) -> VerifiedMotion | None:
-        """Return the verified motion, judged anew in this process; None if it was not verified."""
-        if not self.verified or self.solution is None:
+    def solution(self) -> Solution | None:
+        """Return the solution, verified anew in this process, joints too; None without one."""
+        if self.found is None:
             return None
-        return verify(self.solution.attempt).verified
+        solution = replace(self.found, motion=verify(self.found.attempt).verified)
+        robot = carrier_of(solution.scene, self.robot)
+        if solution.joints is None or robot is None:
+            return solution
+        from comove.robots import verify_joints
+
+        verdict = verify_joints(robot, solution.motion or solution.attempt, solution.joints.attempt)
+        return replace(solution, joints=replace(solution.joints, robot=robot, verdict=verdict))
+
+    @property
+    def motion(self) -> VerifiedMotion | None:
+        """Return the verified motion of the end effectors; None if the solution is not verified."""
+        return self.solution.motion if self.verified and self.solution is not None else None
 
 
 @dataclass(frozen=True)
@@ -75,20 +97,46 @@ class SolvingWork:
     planner: bool = True
     budget: float = 30.0
     objective: LeastJerk | LeastTime | PaperCost | None = None
+    robot: Carrier = None
+    effort: EffortName | EffortLevel = "normal"
 
     def __call__(self, task: tuple[int, Scene]) -> tuple[bool, Solution]:
-        """Return whether the motion is verified, and the solution without its seal."""
+        """Return whether the motion is verified, and the solution without what does not pass between processes."""
         _, scene = task
+        robot = carrier_of(scene, self.robot)
         solution = solve(
             scene,
+            robot=False if robot is None else robot,
             demonstration=movement_of(scene) if self.demonstration is None else self.demonstration,
             seed=self.seed,
-            method=self.method or Comove(),
+            method=self.method,
             planner=self.planner,
             budget=self.budget,
             objective=self.objective,
+            effort=self.effort,
         )
-        return solution.verified, replace(solution, motion=None)
+        joints = solution.joints
+        if joints is not None:
+            joints = replace(joints, robot=None, verdict=replace(joints.verdict, verified=None))
+        return solution.verified, replace(solution, motion=None, joints=joints)
+
+
+def carrier_of(scene: Scene, robot: Carrier) -> Any:
+    """Return the robot that carries out motions of a scene, loaded once; None where none does.
+
+    Parameters
+    ----------
+    robot : as of `solve_many`
+    """
+    if robot is False or (robot is None and scene.file.robot is None):
+        return None
+    if not (robot is None or isinstance(robot, (str, Path))):
+        return robot
+    from comove.data.carried import robot_named
+
+    return robot_named(
+        str(scene.file.robot if robot is None else robot), scene.folder if robot is None else None
+    )
 
 
 class _Named:
@@ -121,16 +169,16 @@ def solve_many(
     scenes: Iterable[Scene],
     *,
     workers: int = 2,
+    robot: Carrier = None,
     demonstration: Taught | None = None,
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,
     budget: float = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
+    effort: EffortName | EffortLevel = "normal",
 ) -> Iterator[Solved]:
     """Solve scenes on several processes, and yield the outcomes as they come, in any order.
-
-    Motions are of the end effectors alone, whatever robot a scene names.
 
     Scenes are taken from the iterable as processes are free, so it may be a generator of any length. The kernels stay
     loaded from scene to scene. An error in one scene, and a process that is killed, do not stop the others. Ctrl-C,
@@ -142,7 +190,7 @@ def solve_many(
         Number of processes, each with one numerical thread.
     demonstration
         Movement for all scenes; that which each scene names unless given.
-    seed, method, planner, budget, objective
+    robot, seed, method, planner, budget, objective, effort
         As for `comove.solve`, for every scene; the same for all.
 
     Raises
@@ -152,18 +200,24 @@ def solve_many(
     """
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="workers", way_out="give 1 or more")
-    work = SolvingWork(demonstration, seed, method, planner, budget, objective)
+    check_budget(budget)
+    effort = EffortLevel.of(effort)
+    work = SolvingWork(demonstration, seed, method, planner, budget, objective, robot, effort)
     return _outcomes(work, enumerate(scenes), workers)
 
 
-def require_kernels(scenes: Iterable[Scene], *, robots: bool = True) -> None:
+def require_kernels(scenes: Iterable[Scene], robot: Carrier = None) -> None:
     """Wait until the kernels for scenes are compiled, by all cores: each process of a pool would do so alone.
 
     Parameters
     ----------
-    robots : whether the robots that scenes name carry
+    robot : as of `solve_many`
     """
-    kinds = dict.fromkeys((SceneKind.of(scene), robots and scene.file.robot is not None) for scene in scenes)
+    names_one = robot is not None and robot is not False
+    kinds = dict.fromkeys(
+        (SceneKind.of(scene), names_one or (robot is None and scene.file.robot is not None))
+        for scene in scenes
+    )
     names = dict.fromkeys(name for kind, on_robot in kinds for name in _jobs(kind, on_robot))
     require(*(name for name in names if JOBS[name].is_possible))
 
@@ -175,7 +229,7 @@ def _jobs(kind: SceneKind, on_robot: bool) -> tuple[str, ...]:
 def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: int) -> Iterator[Solved]:
     """Yield the outcomes of tasks; those whose process was killed are tried again."""
     again = deque(islice(tasks, workers))
-    require_kernels((scene for _, scene in again), robots=False)
+    require_kernels((scene for _, scene in again), work.robot)
     kills: Counter[int] = Counter()
 
     def next_task() -> tuple[int, Scene] | None:
@@ -187,16 +241,17 @@ def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: in
         if ended.killed and kills[number] < KILLS:
             again.append(ended.task)
         else:
-            yield _outcome(ended)
+            yield _outcome(ended, work.robot)
 
 
-def _outcome(ended: TaskResult[tuple[int, Scene], tuple[bool, Solution]]) -> Solved:
+def _outcome(ended: TaskResult[tuple[int, Scene], tuple[bool, Solution]], robot: Carrier) -> Solved:
     """Return the outcome of a task that has ended for good."""
     number, _ = ended.task
     if ended.made is not None:
         verified, solution = ended.made
         status: Status = "verified" if verified else "not verified"
-        return Solved(number, status, solution.reasons, solution, ended.seconds)
+        reasons = solution.reasons or (() if verified else solution.joints.verdict.reasons)
+        return Solved(number, status, reasons, solution, ended.seconds, robot)
     if ended.killed or ended.late:
         return Solved(number, *lost(ended), None, ended.seconds)
     return Solved(number, "refused" if ended.refused else "error", (ended.error,), None, ended.seconds)

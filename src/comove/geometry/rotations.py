@@ -35,7 +35,7 @@ def conjugate(quaternion: Array) -> Array:
     return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def _same_hemisphere(quaternions: Array) -> Array:
+def same_hemisphere(quaternions: Array) -> Array:
     """Return the same orientations without sign changes between neighbours; array, shape (n_steps, 4).
 
     The last one keeps its sign.
@@ -97,7 +97,7 @@ def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array
         Where the angle passes a whole turn, it continues about the same axis; if the axis changes there, no
         continuous continuation exists, and the vectors jump.
     """
-    q = _same_hemisphere(np.where(quaternions[-1:, :1] < 0.0, -1.0, 1.0) * quaternions)
+    q = same_hemisphere(np.where(quaternions[-1:, :1] < 0.0, -1.0, 1.0) * quaternions)
     sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
     axis = q[:, 1:] / np.where(sine > TINY, sine, np.inf)  # what squares to nothing is no turn
     turned = np.flatnonzero(sine[:, 0] > 1e-12)

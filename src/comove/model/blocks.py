@@ -25,7 +25,7 @@ class Blocks(NamedTuple):
     center : array of int, shape (n_blocks, 3), columns of q that hold the centre, the third unused in the plane
     turn : array of int, shape (n_blocks,), first column of the orientation
     node : array of int, shape (n_nodes,), number of the node that an entry describes
-    point : array, shape (n_nodes, 3), position of this node in the group's frame [m]
+    point : array, shape (n_nodes, 3), position of this node about the group's centre, unturned [m]
     n_dims : 2 or 3
     mask, held : arrays, shapes (n_columns, n_columns) and (n_columns,): ``mask @ q + held`` is a configuration in
         which bodies keep what they have to; where all columns are free, mask has the shape (0, 0) and held is 0
@@ -73,7 +73,7 @@ class Block(NamedTuple):
     kind : POINT, ANGLE, DIRECTION or QUATERNION
     columns : columns of q, those of the centre and then those of the orientation; a slice where they are contiguous
     nodes : array of int, shape (n,), numbers of the nodes in the block
-    points : array, shape (n, 3), positions of these nodes in the group's frame [m]
+    points : array, shape (n, 3), positions of these nodes about the group's centre, unturned [m]
     """
 
     kind: int
@@ -205,12 +205,13 @@ def place_one(blocks: Blocks, q: Array, size: float, nodes: Array) -> None:
 
 
 def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
-    """Return the block of q that describes a pose; array, shape (n_block_columns,)."""
+    """Return the block of q that describes a pose of aligned points; array, shape (n_block_columns,)."""
     center, rotation = pose.center[:n_dims], pose.rotation
     if kind == POINT:
         return center.copy()
     if kind == ANGLE:
-        return np.append(center, np.arctan2(rotation[1, 0], rotation[0, 0]))
+        turn = np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
+        return np.append(center, turn)
     if kind == DIRECTION:
         return np.concatenate([center, rotation[:n_dims, 0]])
     return np.concatenate([center, quaternion_of_rotation(rotation)])
@@ -240,7 +241,7 @@ def turned(kind: int, part: Array, points: Array) -> Array:
     Parameters
     ----------
     part : array, shape (3, n_steps, width), columns of the orientation and their first two derivatives
-    points : array, shape (n_points, 3), in the group's frame [m]
+    points : array, shape (n_points, 3), unturned [m]
     """
     result = np.zeros((3, part.shape[1], len(points), 3))
     if kind == POINT:

@@ -151,7 +151,7 @@ class Coordinates:
         """
         values = np.zeros((4, self.n_columns))
         for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
-            start, goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
+            start, goal = (write_pose(kind, group.turn(p), self.n_dims) for p in (group.start, group.goal))
             if kind == ANGLE:
                 goal[-1] += 2 * np.pi * (turn - np.round((goal[-1] - start[-1]) / (2 * np.pi)))
             if kind == QUATERNION and (start[3:] @ goal[3:] < 0) != (turn % 2 == 1):
@@ -174,22 +174,22 @@ class Coordinates:
         hands = np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - self.n_dims))], axis=2)
         q, shared = np.zeros((len(hands), self.n_columns)), np.zeros(self.n_columns)
         for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
-            held = hands[:, list(group.members)]
+            held, grasps = hands[:, list(group.members)], group.aligned(group.grasps)
             center, turn = held.mean(axis=1), np.zeros((len(hands), 0))
-            offset = group.grasps.mean(axis=0)
+            offset = grasps.mean(axis=0)
             if kind == ANGLE:
-                turn = np.unwrap(fit_angle(group.grasps, held))[:, None]
+                turn = np.unwrap(fit_angle(grasps, held))[:, None]
             elif kind == DIRECTION and self.n_dims == 2:
-                angle = fit_angle(group.grasps, held)
+                angle = fit_angle(grasps, held)
                 turn = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             elif kind == DIRECTION:
-                turn = fit_direction(group.grasps, held)
+                turn = fit_direction(grasps, held)
             elif kind == QUATERNION:
-                if orientation_of(group.grasps, 3) == "axis":
+                if orientation_of(grasps, 3) == "axis":
                     ends = (quaternion_of_rotation(pose.rotation) for pose in (group.start, group.goal))
-                    turn = _least_roll(fit_direction(group.grasps, held), *ends)
+                    turn = _least_roll(fit_direction(grasps, held), *ends)
                 else:
-                    turn = fit_quaternion(group.grasps, held)
+                    turn = fit_quaternion(grasps, held)
                 signs = np.where((turn[1:] * turn[:-1]).sum(axis=1) < 0, -1.0, 1.0)
                 turn[1:] *= np.cumprod(signs)[:, None]
             if offset.any():
@@ -363,7 +363,7 @@ def _coordinates(
         scale += [1.0] * own + [3.0 if kind == ANGLE else 1.5] * width_of(kind, n_dims)
         node += [*group.members, *range(corner, corner + len(group.corners))]
         corner += len(group.corners)
-        point.append(group.points)
+        point.append(group.aligned(group.points))
         first.append(len(node))
     blocks = Blocks(
         np.array(kinds, dtype=np.int64),
@@ -391,7 +391,7 @@ def _masked(coordinates: Coordinates) -> Coordinates:
     base = np.zeros(n_columns)
     for group, (kind, columns, _, _) in zip(coordinates.groups, coordinates.parts, strict=True):
         own = np.arange(n_columns)[columns]
-        block = write_pose(kind, group.start, n_dims)
+        block = write_pose(kind, group.turn(group.start), n_dims)
         base[own] = block
         ways = [np.eye(n_dims), np.eye(len(own) - n_dims)]
         if group.mask.normal is not None:
@@ -439,7 +439,8 @@ class HandPoses(NamedTuple):
     Attributes
     ----------
     center : array, shape (n_groups, 3), origins of the groups' frames [m]
-    quaternion : array, shape (n_groups, 4), w x y z, of unit length; in the plane turns about z
+    quaternion : array, shape (n_groups, 4), orientations of these frames, w x y z, of unit length; in the plane turns
+        about z
     """
 
     center: Array
@@ -480,6 +481,8 @@ def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
             quaternion[..., g, :] = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
         elif kind == DIRECTION:
             quaternion[..., g, :] = _pointing(turn / np.linalg.norm(turn, axis=-1, keepdims=True))
+        unturned = quaternion_of_rotation(coordinates.groups[g].unturned)
+        quaternion[..., g, :] = quaternion_product(quaternion[..., g, :], unturned)
     return HandPoses(center, quaternion)
 
 

@@ -99,6 +99,22 @@ class Grasp:
         rotations[..., 2, :] = self.at_rest[:, 2]
         return rotations
 
+    def payload_rotations(self, hands: Array, nodes: Array, rotation: Array) -> Array:
+        """Return the orientations of a payload in hands; array, shape (..., 3, 3).
+
+        Each holder gives one; of several it is the rotation nearest to their mean.
+
+        Parameters
+        ----------
+        hands : array, shape (..., n_manipulators, 3, 3), grasp frames
+        nodes, rotation : arrays, shapes (n_nodes, 3) [m] and (3, 3), nodes as of `hand_rotations` in one pose of the
+            payload, and its orientation there
+        """
+        held, holders = self.hand_rotations(nodes).swapaxes(-1, -2) @ rotation, list(self.holders)
+        left, _, right = np.linalg.svd((hands[..., holders, :, :] @ held[holders]).mean(axis=-3))
+        left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+        return left @ right
+
     def spins(self, nodes: Array, velocities: Array) -> Array:
         """Compute the angular velocity of the load as its nodes move; array, shape (..., 3, n) [rad/s].
 

@@ -60,6 +60,8 @@ class Mask(NamedTuple):
 class RigidGroup:
     """A group of manipulators that move as one rigid body; a single free manipulator is a group of one.
 
+    Its frame is that of the payload, where the payload has one.
+
     Attributes
     ----------
     members : indices of the manipulators
@@ -70,6 +72,8 @@ class RigidGroup:
         plane; "vertical", by an angle about the vertical in space; "axis", by the direction of an axis in space
         (hands on one line, the roll about which does not matter); "space", in any way
     start, goal : poses at start and goal
+    unturned : array, shape (3, 3), rotation of the frame where coordinates turn nothing: that of a group that does
+        not turn; of one that turns by an angle, that at the angle 0; of an axis, a roll about it
     start_twist : array, shape (6,), velocity of the frame's centre [m per duration] and angular velocity [rad per
         duration] at the start, along the axes of the world; zero unless the movement continues another one
     mask : further parts of its pose that it keeps
@@ -81,6 +85,7 @@ class RigidGroup:
     orientation: Orientation
     start: GroupPose
     goal: GroupPose
+    unturned: Array = field(default_factory=lambda: np.eye(3))
     start_twist: Array = field(default_factory=lambda: np.zeros(6))
     mask: Mask = field(default_factory=lambda: Mask())
 
@@ -94,8 +99,18 @@ class RigidGroup:
         """Return the largest distance of the group's points from its centre or, if vertical, its axis of rotation
         [m].
         """
-        points = self.points[:, :2] if self.orientation == "vertical" else self.points
-        return float(np.linalg.norm(points, axis=1).max())
+        points = self.aligned(self.points)
+        return float(
+            np.linalg.norm(points[:, :2] if self.orientation == "vertical" else points, axis=1).max()
+        )
+
+    def aligned(self, points: Array) -> Array:
+        """Return points of the frame, array of shape (n_points, 3), where coordinates turn nothing [m]."""
+        return points @ self.unturned.T
+
+    def turn(self, pose: GroupPose) -> GroupPose:
+        """Return the pose of aligned points at a pose of the frame."""
+        return GroupPose(pose.center, pose.rotation @ self.unturned.T)
 
 
 def orientation_of(grasps: Array, n_dims: int) -> Orientation:
@@ -108,17 +123,21 @@ def orientation_of(grasps: Array, n_dims: int) -> Orientation:
     return "axis" if spread[1] < 1e-9 * spread[0] else "space"
 
 
-def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> GroupPose:
+def fit_pose(
+    grasps: Array, hands: Array, orientation: Orientation, unturned: Array | None = None
+) -> GroupPose:
     """Return the pose that brings `grasps` nearest to `hands` in least squares, without mirroring.
 
     Parameters
     ----------
     grasps, hands : arrays, shape (n_members, 3), [m]
+    unturned : array, shape (3, 3), as of `RigidGroup`; the identity unless given
     """
+    unturned = np.eye(3) if unturned is None else unturned
     if orientation in ("none", "fixed"):
-        rotation = np.eye(3)
+        rotation = unturned
     elif orientation in ("plane", "vertical"):
-        rotation = rotation_in_plane(fit_angle(grasps, hands))
+        rotation = rotation_in_plane(fit_angle(grasps @ unturned.T, hands)) @ unturned
     elif orientation == "axis":
         rotation = similarity(np.array([1.0, 0.0, 0.0]), fit_direction(grasps, hands))
     else:

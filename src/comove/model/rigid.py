@@ -13,6 +13,7 @@ from comove.arrays import Array, first_largest
 from comove.errors import SceneError
 from comove.geometry.rotations import (
     UP,
+    facing,
     levelling,
     logarithm,
     matrices,
@@ -291,16 +292,16 @@ class _Body:
             self._require_held(end, pose.place(grasps), hands)
         self.ends = start.place(grasps), goal.place(grasps)
         orientation: Orientation = "plane" if self.n_dims == 2 else "space"
+        unturned = np.eye(3)
         points = np.concatenate([grasps, corners])
         if file.grasp is not None:
             corners = _telling(grasps, corners)
         elif len(grasps) == 1 and np.abs(start.rotation - goal.rotation).max() < TILT_ROUNDING:
-            orientation, turn = "none", start.rotation  # it has no reason to turn
-            grasps, corners = grasps @ turn.T, corners @ turn.T
-            start, goal = (GroupPose(pose.center, np.eye(3)) for pose in (start, goal))
+            orientation, unturned = "none", start.rotation  # it has no reason to turn
+            goal = GroupPose(goal.center, unturned)
         elif self.n_dims == 3 and np.abs(points[:, 1:]).max() < ROUNDING:
-            orientation = "axis"
-        group = RigidGroup(self.members, grasps, corners, orientation, start, goal)
+            orientation, unturned = "axis", _roll(start.rotation)
+        group = RigidGroup(self.members, grasps, corners, orientation, start, goal, unturned)
         implied = self.implied(grasps)
         if orientation != "none" and self.has(UprightConstraint, SameHeightConstraint):
             group = self.upright(group)
@@ -342,14 +343,9 @@ class _Body:
         goal, free = GroupPose(center, rotation), not is_fixed
         is_level = free and bool(axes) and abs(axes[0] @ UP) > 1.0 - PARALLEL**2
         if not free or is_level:
-            turn = start.rotation
-            grasps, corners = group.grasps @ turn.T, group.corners @ turn.T
-            start, goal = (GroupPose(pose.center, pose.rotation @ turn.T) for pose in (start, goal))
-            group = replace(
-                group, grasps=grasps, corners=corners, orientation="vertical" if free else "fixed"
-            )
+            group = replace(group, orientation="vertical" if free else "fixed", unturned=start.rotation)
         elif group.orientation != "vertical":
-            group = replace(group, orientation="space")
+            group = replace(group, orientation="space", unturned=np.eye(3))
         mask = Mask(axes[0] if group.orientation == "space" and axes else None, normal)
         for lean in (c for c in own if isinstance(c, DirectionConstraint) and not c.by_mask):
             up = start.rotation.T @ lean.own
@@ -485,7 +481,7 @@ class _Body:
         return grasps
 
     def upright(self, group: RigidGroup) -> RigidGroup:
-        """Return the group in a frame that turns about the vertical only (in the plane: not at all).
+        """Return the group as one that turns about the vertical only (in the plane: not at all).
 
         It keeps the tilt of the start, turned as little as possible so that hands of the same height are level.
         """
@@ -498,6 +494,8 @@ class _Body:
                 level.append(group.start.rotation @ along)
                 allowed = max(allowed, asin(min(1.0, 2 * c.tolerance / float(np.linalg.norm(along)))))
         turn, up = group.start.rotation, np.eye(3)[self.n_dims - 1]
+        if group.orientation == "axis" and not self.poses:
+            turn = facing(turn[:, 0])  # hands leave the roll open
         if level:
             turn = levelling(np.array(level), up) @ turn
             left = np.abs(levelling(np.array(level), up) @ np.array(level).T)[self.n_dims - 1].max()
@@ -508,17 +506,12 @@ class _Body:
                     "constraints",
                     "leave one of the same_height constraints out",
                 )
-        kept = replace(
-            group,
-            grasps=group.grasps @ turn.T,
-            corners=group.corners @ turn.T,
-            orientation="fixed" if self.n_dims == 2 else "vertical",
-        )
+        kept = replace(group, orientation="fixed" if self.n_dims == 2 else "vertical", unturned=turn)
         poses = [_about_vertical(pose, turn, self.n_dims) for pose in self.poses] or [
-            fit_pose(kept.grasps, hands, kept.orientation) for hands in self.ends
+            fit_pose(kept.grasps, hands, kept.orientation, turn) for hands in self.ends
         ]
         for end, pose, free in zip(ENDS, poses, (group.start, group.goal), strict=True):
-            tilt = tilt_between(group.orientation, free.rotation, pose.rotation @ turn)
+            tilt = tilt_between(group.orientation, free.rotation, pose.rotation)
             if tilt > allowed:
                 who = ", ".join(f"'{self.names[i]}'" for i in group.members)
                 how = "not turn" if self.n_dims == 2 else "turn about the vertical only"
@@ -582,10 +575,17 @@ def load_shape(
 
 
 def _about_vertical(pose: GroupPose, turn: Array, n_dims: int) -> GroupPose:
-    """Return the pose nearest to one of a body, in a frame `turn` away, that turns about the vertical only."""
+    """Return the pose nearest to one of a body that turns about the vertical only, and is turned by `turn` else."""
     left = pose.rotation @ turn.T
     angle = float(np.arctan2(left[1, 0] - left[0, 1], left[0, 0] + left[1, 1])) if n_dims == 3 else 0.0
-    return GroupPose(pose.center, rotation_in_plane(angle))
+    return GroupPose(pose.center, rotation_in_plane(angle) @ turn)
+
+
+def _roll(rotation: Array) -> Array:
+    """Return the roll about the x axis that is left of a rotation beside the smallest one to its x axis."""
+    left = similarity(np.array([1.0, 0.0, 0.0]), rotation[:, 0]).T @ rotation
+    roll = np.arctan2(left[2, 1], left[1, 1])
+    return np.roll(rotation_in_plane(roll), 1, axis=(0, 1))
 
 
 def _telling(grasps: Array, corners: Array) -> Array:

@@ -46,6 +46,12 @@ def check_scene(scene: object) -> None:
         )
 
 
+def check_budget(budget: object) -> None:
+    seconds = 1.0 if isinstance(budget, Budget) else budget
+    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
+        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+
+
 def check_options(
     scene: object,
     demonstration: object,
@@ -65,9 +71,7 @@ def check_options(
         places = {name: known.place for name, known in METHODS.items()}
         way_out = _object_for(method, places, "give a method object, such as Comove()")
         raise OptionError(f"method = {method!r}", way_out=way_out)
-    seconds = 1.0 if isinstance(budget, Budget) else budget
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
-        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+    check_budget(budget)
     if objective is not None and not isinstance(objective, Criterion):
         places = {name.replace("_", "-"): f"comove.{kind.__name__}" for name, kind in OBJECTIVES.items()}
         way_out = _object_for(objective, places, "give LeastJerk(), LeastTime(), PaperCost() or a function")

@@ -186,7 +186,7 @@ class RobotSource:
 def robot_of(
     folder: Path,
     reference: Reference,
-    named: str | Path | None = None,
+    named: str | Path | Robot | None = None,
     kind: ResultKind = JOINTS,
 ) -> RobotSource:
     """Return the robot that the joint motion in a folder is verified for.
@@ -197,7 +197,7 @@ def robot_of(
     Parameters
     ----------
     reference : the scene that the motion is verified against
-    named : name or path of a trusted description
+    named : a trusted robot, or name or path of its description
     kind : the kind of the folder's result, whose summary may name a robot
 
     Raises
@@ -205,6 +205,8 @@ def robot_of(
     RobotError
         If there is no such robot, or nobody names one that may be trusted.
     """
+    if isinstance(named, Robot):
+        return RobotSource(named, f"sha256 {named.sha256[:12]}", "you", False)
     if named is not None:
         return _loaded(named, "you", None)
     wanted, own = reference.scene.file.robot, reference.is_own

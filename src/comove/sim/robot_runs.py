@@ -45,6 +45,7 @@ from comove.sim.loads import are_poses, carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
     from comove.control.loop import ExecutionLog
+    from comove.robots.online.executor import JointRecord
 
 LOST = 0.5  # rad, difference of measured and commanded joints from which on a robot counts as driven off
 HELD, PLACED = 5e-3, 2e-2  # m, by which a load may move in the hands, and be off its place when it is grasped
@@ -174,6 +175,30 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
     elif not reasons:
         reasons += _misstated(summary, report, record)
     return record, replace(report, reasons=tuple(reasons))
+
+
+def followed(record: JointRecord) -> OnlineRecord:
+    """Return the record of a run whose joints are where they were commanded, without a simulator."""
+    joints, n_steps = record.joints[1:], len(record.time) - 1
+    held = hand_poses(record.robot, record.scene, record.joints)
+    load = load_of(record.scene, held[0])
+    poses = np.full((n_steps, 4, 4), np.nan)
+    if load is not None:
+        held = held[:, list(load.holders)]
+        poses = carried(held, np.linalg.inv(held[0]) @ load.pose)[1:]
+    return OnlineRecord(
+        record.scene,
+        record.robot,
+        float(record.time[1]),
+        list(record.time[1:]),
+        list(joints),
+        list(joints),
+        list(record.nodes[1:]),
+        list(poses),
+        [False] * n_steps,
+        list(record.obstacles[1:]),
+        arrived=_has_arrived(record.scene, {"nodes": record.nodes, "time": record.time}),
+    )
 
 
 def _require_shapes(stored: Stored, scene: Scene, robot: Robot) -> None:

@@ -484,7 +484,7 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
         held = group.grasps - group.grasps.mean(axis=0)
         own = node_point[node_group == g]
         scale[g] = max(np.linalg.norm(own - group.grasps.mean(axis=0), axis=1).max(), 1e-6)
-        about = held[:, :2] if group.orientation == "vertical" else held
+        about = group.aligned(held)[:, :2] if group.orientation == "vertical" else held
         spread[g] = np.linalg.norm(about, axis=1).max()
         lever[g] = max(1.0, scale[g] / max(spread[g], 1e-3 * scale[g]))
         if group.orientation == "axis":

@@ -77,7 +77,7 @@ def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
         lines = [points[-1] - points[0] for points in (before, hands)]
         rotation = similarity(*(line / np.linalg.norm(line) for line in lines)) @ group.start.rotation
         return hands.mean(axis=0) - rotation @ group.grasps.mean(axis=0), rotation
-    pose = fit_pose(group.grasps, hands, group.orientation)
+    pose = fit_pose(group.grasps, hands, group.orientation, group.unturned)
     return pose.center, pose.rotation
 
 

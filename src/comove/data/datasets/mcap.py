@@ -21,7 +21,6 @@ from comove.data.datasets.sizes import obstacle_names
 from comove.dmp.demonstrations.formats import rosbag
 from comove.dmp.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
-from comove.model.coordinates import load_coordinates, poses_at
 from comove.model.shapes import spatial
 
 
@@ -70,8 +69,7 @@ def movements_of(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples
     scene, time, position = episode.scene, episode.time, spatial(episode.position)
     for hand, name in enumerate(scene.manipulators):
         yield name, RecordedSamples(time, position[:, hand])
-    load = load_coordinates(scene)
-    poses = poses_at(load, load.from_hands(episode.position))
+    poses = episode.group_poses
     bodies = [g for g, group in enumerate(scene.groups) if len(group.members) > 1]
     loads = [f"load{number or ''}" for number in range(len(bodies))]
     for name, g in zip(loads, bodies, strict=True):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array
 from comove.data.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
@@ -19,6 +20,8 @@ from comove.data.variety import passing_class
 from comove.data.videos import Video
 from comove.dmp.demonstrations.samples import AXES, QUATERNION
 from comove.errors import OptionError, ResultError
+from comove.geometry.rotations import matrices, same_hemisphere
+from comove.model.coordinates import HandPoses, load_coordinates, poses_at
 from comove.model.files.keys import canonical
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
@@ -71,6 +74,26 @@ class EpisodeSamples:
             return self.joints.hands
         share = np.minimum(self.time / self.scene.duration, 1.0)
         return self.motion.motion.hands(share)[0]
+
+    @cached_property
+    def group_poses(self) -> HandPoses:
+        """Return the poses of the rigid groups, where a robot's joints place them; arrays, shape (n_steps, ...)."""
+        motion, scene, grasp = self.motion.motion, self.scene, self.scene.grasp
+        if self.joints is None and motion.coordinates.kind == "load":
+            return poses_at(motion.coordinates, motion.at(np.minimum(self.time / scene.duration, 1.0))[0])
+        load = load_coordinates(scene)
+        poses = poses_at(load, load.from_hands(self.position))
+        if self.joints is None or grasp is None or not grasp.keypoints:
+            return poses
+        g = next(g for g, group in enumerate(scene.groups) if set(grasp.holders) <= set(group.members))
+        group = scene.groups[g]  # two hands leave its roll open, but for their orientation
+        hands, nodes = matrices(self.joints.orientation), scene.nodes_at("start")
+        turns = grasp.payload_rotations(hands, nodes, group.start.rotation)
+        middle = self.position[:, list(group.members)].mean(axis=1)
+        poses.center[:, g] = middle - turns @ group.grasps.mean(axis=0)
+        turned = Rotation.from_matrix(turns).as_quat(scalar_first=True)
+        poses.quaternion[:, g] = same_hemisphere(turned)
+        return poses
 
     @property
     def action(self) -> Array:

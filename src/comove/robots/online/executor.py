@@ -13,11 +13,10 @@ that was driven off is told of, and can be let give way until it stands, to go o
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from comove.arrays import Array
 from comove.control.clouds import Clouds
@@ -43,6 +42,7 @@ from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
 from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
+from comove.verification.record import Record
 
 SHARES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)  # of a twist, tried in turn
 HOLDING = Iteration(gain=0.0, keep=0.0, tolerance=1e-10, steady=np.inf, most=30)
@@ -89,6 +89,20 @@ class OnlineSettings:
             raise OptionError(
                 f"a control period of {self.period} s", key="period", way_out="give 0.001 to 0.02 s"
             )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointRecord(Record):
+    """The record of an execution by a robot's joints, which follow their commands exactly.
+
+    Attributes
+    ----------
+    robot : the robot
+    joints : array, shape (n_steps, n_joints), all its joints at the times of the record [rad]
+    """
+
+    robot: Robot
+    joints: Array
 
 
 class JointExecutor(ControlLoop):
@@ -207,6 +221,18 @@ class JointExecutor(ControlLoop):
         self._step(self._lag(measured))
         return self.position.copy()
 
+    def _follow(self) -> None:
+        self.step(self.position)
+
+    def _recorded(self, record: Record, joints: list[Array]) -> JointRecord:
+        position = np.tile(self.position, (len(joints), 1))
+        position[:, self.columns] = joints
+        return JointRecord(
+            **{item.name: getattr(record, item.name) for item in fields(Record)},
+            robot=self.robot,
+            joints=position,
+        )
+
     def recover(self, measured: Array) -> Array:
         """Perform one control step of a robot that was driven off, and return the joints to command; arrays, shape
         (n_joints,) [rad].
@@ -265,10 +291,7 @@ class JointExecutor(ControlLoop):
         if not self.carrier.grasp.keypoints:
             return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
         (group,), nodes = self.scene.groups, self.scene.nodes_at("start")
-        turns = (
-            held[:, :3, :3] @ self.carrier.grasp.hand_rotations(nodes).swapaxes(1, 2) @ group.start.rotation
-        )
-        rotation = Rotation.from_matrix(turns).mean().as_matrix()
+        rotation = self.carrier.grasp.payload_rotations(held[:, :3, :3], nodes, group.start.rotation)
         center = held[:, :3, 3].mean(axis=0) - rotation @ group.grasps.mean(axis=0)
         return HandPoses(center[None], quaternion_of_rotation(rotation)[None])
 

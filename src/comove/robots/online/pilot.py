@@ -202,6 +202,7 @@ class Pilot(Replanner):
         """Return the configuration and joints of the run, one sample."""
         (part,) = self.coordinates.parts  # one rigid payload, or `ArmRows` had refused it
         pose = GroupPose(run.poses.center[0], matrices(run.poses.quaternion[0]))
+        pose = self.coordinates.groups[0].turn(pose)
         return Way(write_pose(part.kind, pose, run.scene.n_dims)[None], run.joints[None])
 
     def _is_due(self, time: float) -> bool:

@@ -17,7 +17,7 @@ hands, load and scene  bound at every instant by `comove.verification`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
 from functools import cache
 
@@ -31,12 +31,12 @@ from comove.robots.description import Uncertainty
 from comove.robots.effort import carried_masses
 from comove.robots.model import Robot
 from comove.robots.motion import JointCommand, JointMotion, commands
-from comove.robots.verification import checks
+from comove.robots.verification import checks as own
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried, holding_errors
 from comove.robots.verification.checks import without_gripper
 from comove.robots.verification.kinematics import Bases
-from comove.verification.verify import Sealed, VerifiedMotion, verify
+from comove.verification.verify import Check, Sealed, VerifiedMotion, verify
 
 _SEAL = object()
 
@@ -169,6 +169,7 @@ def verify_joints(
     motion: VerifiedMotion | CoordinatedMotion,
     joints: JointMotion,
     *,
+    checks: Sequence[Check] = (),
     slack: float = 0.0,
 ) -> JointVerdict:
     """Verify a robot's motion: limits, torques, hands on the load and clearance.
@@ -179,12 +180,14 @@ def verify_joints(
         Motion of the hands and the load; a CoordinatedMotion is verified first.
     joints
         The robot's motion that carries out `motion`.
+    checks
+        Further checks of a CoordinatedMotion.
     slack
         Share of the links' clearance beyond the required one that its bounds in the report may give away, as a search
         does: what is verified is the same, but faster known. Unless it is 0, the first check that fails is the last.
     """
     if isinstance(motion, CoordinatedMotion):
-        verdict = verify(motion)
+        verdict = verify(motion, checks)
         if verdict.verified is None:
             return _refused(
                 f"the motion of the hands is not verified: {reason}" for reason in verdict.reasons
@@ -196,7 +199,7 @@ def verify_joints(
             way_out="give the VerifiedMotion of a solution, or a CoordinatedMotion",
         )
     scene = motion.motion.scene
-    unfit = [*checks.unfit_scene(robot, scene), *checks.unfit_joints(robot, scene, joints)]
+    unfit = [*own.unfit_scene(robot, scene), *own.unfit_joints(robot, scene, joints)]
     if unfit:
         return _refused(unfit)
     joints = _own_copy(joints)
@@ -204,16 +207,16 @@ def verify_joints(
     bases = Bases(robot, robot.description.uncertainty)
     carried, curve = Carried(motion.motion), joints.curve
     errors = cache(lambda: holding_errors(robot, arms, carried, curve))
-    findings = list[checks.JointFinding]()
+    findings = list[own.JointFinding]()
     for check in (
-        lambda: checks.rest(robot, curve),
-        lambda: checks.limits(robot, curve),
-        lambda: checks.payload(scene, arms),
-        lambda: checks.torques(robot, curve, arms, carried_masses(scene)),
-        lambda: checks.hands(errors(), motion),
-        lambda: checks.calibration(bases, arms, errors(), motion),
-        lambda: checks.clearances(
-            bodies_of(bases, arms, carried, errors().hands, checks.HAND_ERROR), carried, curve, slack
+        lambda: own.rest(robot, curve),
+        lambda: own.limits(robot, curve),
+        lambda: own.payload(scene, arms),
+        lambda: own.torques(robot, curve, arms, carried_masses(scene)),
+        lambda: own.hands(errors(), motion),
+        lambda: own.calibration(bases, arms, errors(), motion),
+        lambda: own.clearances(
+            bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR), carried, curve, slack
         ),
     ):
         findings.append(check())
