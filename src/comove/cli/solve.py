@@ -154,7 +154,7 @@ def solve(
             part = chosen.scene_of(loaded)
             check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
             if arms:
-                o.require_carried(arms, loaded.alternatives[0], scene)
+                o.require_carried(arms, loaded, scene)
             known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
             movements, named = movements_of(taught, part), ""
             loaded.require_free_ends()

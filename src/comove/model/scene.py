@@ -44,7 +44,16 @@ from comove.model.files.keys import (
 )
 from comove.model.files.reading import parsed, read_scene_file
 from comove.model.files.words import VERSION_1, Words
-from comove.model.grasp import Grasp, alternatives, angle_to, chosen, far_grasps, grasp_of, turned_goal
+from comove.model.grasp import (
+    Grasp,
+    alternatives,
+    angle_to,
+    chosen,
+    far_grasps,
+    grasp_of,
+    told_far,
+    turned_goal,
+)
 from comove.model.groups import GroupPose, RigidGroup, connected
 from comove.model.moving import FASTEST, Displacements, ObstacleMotion, rotations, seen_from
 from comove.model.resting import TOLERANCE, Rest, provable, recessions, rests_of
@@ -97,6 +106,7 @@ class Scene:
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
     words : names and lines of keys in the scene's file
+    n_far : array of int, shape (n_ways,), number of grasps that hold nothing, for each choice of the file, or one
     """
 
     __repr__ = brief
@@ -116,6 +126,7 @@ class Scene:
     excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
     words: Words = VERSION_1
+    n_far: Integers = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
 
     @classmethod
     def load(
@@ -292,10 +303,16 @@ class Scene:
             return (self,)
         return tuple(self.held_as(part) for part in parts)
 
+    @property
+    def choices(self) -> tuple[GraspOption, ...]:
+        """Return the choices of the file, those first by which more grasps hold the payload."""
+        given = self.file.choices or ()
+        return tuple(given[k] for k in np.argsort(self.n_far[: len(given)], kind="stable"))
+
     @cached_property
     def _chosen(self) -> tuple[Scene, ...]:
         scenes, first = list[Scene](), None
-        for choice in self.file.choices or ():
+        for choice in self.choices:
             try:
                 scenes.append(self.put_down(choice))
             except SceneError as error:
@@ -348,7 +365,7 @@ class Scene:
             return self
         first: SceneError | None = None
         for turn in TURNS:
-            for choice in self.file.choices:
+            for choice in self.choices:
                 if turn == 0.0 or choice.free is not None:
                     try:
                         return self.put_down(choice, turn).require_free_ends()
@@ -812,7 +829,7 @@ def _displacements_along(scene: Scene, n_steps: int) -> Displacements:
 def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
     """Build a scene, and name keys in errors as the file does."""
     try:
-        return replace(_build(file, folder, path, words), words=words)
+        return _build(file, folder, path, words)
     except SceneError as error:
         if error.key is not None:
             error.key = words.key(error.key)
@@ -835,6 +852,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         groups.append(group)
         implied += pairs
     table, owners = obstacle_table(file, held)
+    far = far_grasps(file, groups, held.get(LOAD))
     scene = Scene(
         file=file,
         folder=folder,
@@ -849,16 +867,26 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         surfaces=surfaces_of(placed(meshes, owners)),
         excess=_excess(file, held),
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
+        words=words,
+        n_far=(far > 0.0).sum(axis=1),
     )
     _require_slow_tips(scene)
     for end, before, after in zip(ENDS, given, scene.ends, strict=True):
         _say_shift(end, before, after, scene.manipulators)
     _require_heading(scene, path)
-    if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
-        place = f"{path}: " if path is not None else ""
-        warnings.warn(f"{place}{words.key('load')}: {said}", ComoveWarning, stacklevel=3)
+    _warn_of_far_grasps(scene, far)
     _require_kept_ends(scene, path)
     return scene
+
+
+def _warn_of_far_grasps(scene: Scene, far: Array) -> None:
+    """Warn of every grasp that holds nothing; distances as `far_grasps` computes them."""
+    file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
+    for way, name in np.argwhere(far > 0.0).tolist():
+        who, at = file.holders[name], file.choices and file.choices[way].grasps[file.holders[name]]
+        told.setdefault(f"{scene.words.grasp(who, at)}: {told_far(who, far[way, name], file)}", who)
+    for message in told:
+        warnings.warn(f"{place}{message}", ComoveWarning, stacklevel=4)
 
 
 def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> dict[int | str, float]:

@@ -36,6 +36,7 @@ from comove.robots.ends import (
     of_robot,
     unfit,
 )
+from comove.robots.hands import collision_of_hands
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
@@ -134,6 +135,10 @@ class RobotCarrier(LimitedKinematics):
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
+        nodes, required = scene.nodes_at("start"), min(scene.clearance, ROBOT_CLEARANCE)
+        rotations, points = scene.grasp.hand_rotations(nodes), nodes[: len(self.holders)]
+        if told := collision_of_hands(self.robot, self.holders, rotations, points, required):
+            raise unfit(scene, "load.grasps", *told)
         for reason in overburdened(scene, self.holders):
             raise unfit(scene, "load.mass", *reason.rsplit("; ", 1))
 

@@ -66,16 +66,19 @@ def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
 
 def overburdened(scene: Scene, arms: tuple[Arm, ...]) -> Iterator[str]:
     """Yield why arms cannot hold a scene's load for its mass, in words."""
-    carried = load_mass(scene)
-    for arm, ratio in zip(arms, payloads(scene, arms), strict=True):
+    carried, ratios = load_mass(scene), payloads(scene, arms)
+    hands, rated = np.array([arm.hand for arm in arms]), np.array([arm.payload for arm in arms])
+    shares = ratios * rated - hands
+    can = (hands < rated) & (shares > 0.0)
+    most = _rounded_down(carried * float(((rated - hands)[can] / shares[can]).min(initial=np.inf)))
+    for arm, ratio, share in zip(arms, ratios, shares, strict=True):
         if ratio > 1.0 + ROUNDING:
             own = f" and its hand {arm.hand:.3g} kg" if arm.hand else ""
-            share = ratio * arm.payload - arm.hand
             yield (
                 f"the arm '{arm.name}' is rated for {arm.payload:g} kg, and of the load of {carried:g} kg it holds "
                 f"{share:.3g} kg{own}; "
                 + (
-                    f"let the load weigh {_rounded_down(carried * (arm.payload - arm.hand) / share)} kg at most"
+                    f"let the load weigh {most} kg at most"
                     if arm.hand < arm.payload
                     else "correct `payload` in the robot's description, or the masses of its hand"
                 )

@@ -109,7 +109,26 @@ def check_robot(scene: Scene, robot: Robot, method: Method | None, planner: bool
         raise OptionError(
             f"obstacles are constraints of the robot '{robot.name}'", key="obstacles", way_out=way_out
         )
-    RobotCarrier(robot, scene.alternatives[0])
+    require_carried(robot, scene)
+
+
+def require_carried(robot: Robot, scene: Scene) -> None:
+    """Refuse a scene that a robot cannot carry, whichever of its grasps is taken.
+
+    Raises
+    ------
+    SceneError, RobotError
+        If the robot has no such arms, or the scene nothing that arms carry; of the likeliest grasps.
+    """
+    first: SceneError | RobotError | None = None
+    for choice in scene.alternatives:
+        try:
+            RobotCarrier(robot, choice)
+        except (SceneError, RobotError) as error:
+            first = first or error
+        else:
+            return
+    raise first or RobotError("nothing is left open", key="grasps")
 
 
 def solved_by_robot(
@@ -338,8 +357,8 @@ def _by_some_grasp(
 def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool) -> Iterator[Scene]:
     """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
 
-    Where a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how
-    far joints turn.
+    Those come first by which more grasps hold the payload. Where a scene leaves many open, they are ranked by the
+    reach of each arm, and the first few that are clear by how far joints turn.
 
     Parameters
     ----------
@@ -358,7 +377,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
     else:
         ways = (partial(scene.alternatives.__getitem__, k) for k in range(len(scene.alternatives)))
     while True:
-        clear = list[tuple[float, Scene]]()
+        clear = list[tuple[int, float, Scene]]()
         for way in ways:
             try:
                 choice = way()
@@ -367,7 +386,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
                 carrier.require_reach()
                 if kept or not choice.moving.any():
                     carrier.require_clear_ends()
-                clear.append((round(carrier.turning, 6), choice))
+                clear.append((int(choice.n_far[0]), round(carrier.turning, 6), choice))
             except (SceneError, RobotError) as error:
                 first = first or error
             if choices and len(clear) == RANKING.exact:
@@ -375,7 +394,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
         if not clear:
             break
         n_found += len(clear)
-        yield from (choice for _, choice in sorted(clear, key=lambda one: one[0]))
+        yield from (choice for *_, choice in sorted(clear, key=lambda one: one[:2]))
     if not n_found:
         if first is None:  # which says what is missing
             RobotCarrier(robot, scene.put_down(reach.nearest()).timed(1.0), **carriers).require_reach()
