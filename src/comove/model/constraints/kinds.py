@@ -424,7 +424,9 @@ def _listed(vector: Array) -> str:
     return f"[{', '.join(f'{x:.4g}' for x in (vector + 0.0).tolist())}]"
 
 
-Degrees = Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)]
+MAX_TOLERANCE = 45.0
+"""Largest tolerance of an angle [deg]."""
+Degrees = Annotated[float, Field(ge=0, le=MAX_TOLERANCE), AfterValidator(no_minus_zero)]
 
 
 class UprightKeys(ConstraintKeys, Sparse):
