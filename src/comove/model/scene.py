@@ -882,7 +882,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
 def _warn_of_far_grasps(scene: Scene, far: Array) -> None:
     """Warn of every grasp that holds nothing; distances as `far_grasps` computes them."""
     file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
-    for way, name in np.argwhere(far > 0.0).tolist():
+    for name, way in np.argwhere(far.T > 0.0).tolist():
         who, at = file.holders[name], file.choices and file.choices[way].grasps[file.holders[name]]
         told.setdefault(f"{scene.words.grasp(who, at)}: {told_far(who, far[way, name], file)}", who)
     for message in told:

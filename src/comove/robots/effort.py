@@ -54,31 +54,33 @@ def carried_masses(scene: Scene) -> Array:
 
 
 def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
-    """Return what every hand carries of what its arm is rated for, its own mass included; array, shape (n_hands,).
+    """Return what every hand carries of what its arm is rated for, its own mass included; array, shape (n_hands,)."""
+    return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
+
+
+def _counted_masses(scene: Scene) -> Array:
+    """Return the mass that counts as every hand's share; array, shape (n_hands,) [kg].
 
     A share that is less than an equal one counts as that: a load that leans or lags is not held in balance.
     """
     share = np.abs(_shares(scene))
     least = 1.0 / max(len(scene.file.holder_numbers), 1)
-    mass = load_mass(scene) * np.where(share > 0.0, np.maximum(share, least), 0.0)
-    return (mass + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
+    return load_mass(scene) * np.where(share > 0.0, np.maximum(share, least), 0.0)
 
 
 def overburdened(scene: Scene, arms: tuple[Arm, ...]) -> Iterator[str]:
-    """Yield why arms cannot hold a scene's load for its mass, in words."""
-    carried, ratios = load_mass(scene), payloads(scene, arms)
-    hands, rated = np.array([arm.hand for arm in arms]), np.array([arm.payload for arm in arms])
-    shares = ratios * rated - hands
-    can = (hands < rated) & (shares > 0.0)
-    most = _rounded_down(carried * float(((rated - hands)[can] / shares[can]).min(initial=np.inf)))
-    for arm, ratio, share in zip(arms, ratios, shares, strict=True):
+    """Yield why arms cannot hold a scene's load for its mass, in words; the mass that is advised suits all arms."""
+    carried, masses, ratios = load_mass(scene), _counted_masses(scene).tolist(), payloads(scene, arms)
+    own = [(arm.payload - arm.hand) / mass for arm, mass in zip(arms, masses, strict=True) if mass > 0.0]
+    most = carried * min((ratio for ratio in own if ratio > 0.0), default=np.inf)
+    for arm, ratio, mass in zip(arms, ratios, masses, strict=True):
         if ratio > 1.0 + ROUNDING:
-            own = f" and its hand {arm.hand:.3g} kg" if arm.hand else ""
+            hand = f" and its hand {arm.hand:.3g} kg" if arm.hand else ""
             yield (
                 f"the arm '{arm.name}' is rated for {arm.payload:g} kg, and of the load of {carried:g} kg it holds "
-                f"{share:.3g} kg{own}; "
+                f"{mass:.3g} kg{hand}; "
                 + (
-                    f"let the load weigh {most} kg at most"
+                    f"let the load weigh {_rounded_down(most)} kg at most"
                     if arm.hand < arm.payload
                     else "correct `payload` in the robot's description, or the masses of its hand"
                 )
