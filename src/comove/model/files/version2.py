@@ -234,10 +234,12 @@ Candidates = Annotated[
 """The grasp of one arm, several of which the planner chooses, or `auto`: some are proposed."""
 GraspSet = Annotated[dict[Name, Candidates], Tag("one")]
 Grasps = Annotated[
-    GraspSet | Annotated[tuple[dict[Name, Candidates], ...], BeforeValidator(as_tuple), Tag("several")],
+    GraspSet
+    | Annotated[tuple[dict[Name, Candidates], ...], BeforeValidator(as_tuple), Tag("several")]
+    | Annotated[Literal["auto"], Tag("auto")],
     Discriminator(_kind),
 ]
-"""Grasps by the arm; or a list of such sets, of which the planner chooses one."""
+"""Grasps by the arm; or a list of such sets, of which the planner chooses one. `with_arms` replaces `auto`."""
 
 
 def _by_arm(value: Any) -> Any:
@@ -281,8 +283,8 @@ class SceneFile2(SceneKeys):
     @property
     def sets(self) -> tuple[dict[str, Any], ...]:
         """Return the sets of grasps of which one is chosen; none without a payload."""
-        given = self.grasps or ()
-        return (given,) if isinstance(given, dict) else given
+        given = self.grasps
+        return (given,) if isinstance(given, dict) else given if isinstance(given, tuple) else ()
 
     @property
     def holders(self) -> tuple[str, ...]:
