@@ -22,7 +22,7 @@ from comove.io.yaml_reader import read_yaml
 from comove.model.candidates import DEPTH, OPENING
 from comove.model.files.keys import canonical
 from comove.model.files.upgrade import as_text, upgraded
-from comove.model.files.version2 import MAX_CHOICES, SceneFile2
+from comove.model.files.version2 import MAX_CHOICES
 from comove.model.free_goals import TurnSettings
 from comove.model.scene import Scene
 from comove.verification.record import verify_execution
@@ -30,6 +30,7 @@ from comove.view.workbench.edits import contents_of
 from comove.view.workbench.saving import scene_text
 from tests.cases import examples
 from tests.meshes import l_profile, write_obj
+from tests.schema import satisfies
 
 ROOT = Path(__file__).parents[3]
 FILES = sorted(
@@ -685,7 +686,9 @@ def test_a_robot_needs_to_know_how_to_hold_it(tmp_path):
 
 
 def test_a_grasp_in_the_air_is_warned_of_in_the_files_words(tmp_path):
-    with pytest.warns(ComoveWarning, match=r"payload .line 7.: 'left' .* 0\.1 m away .* move its grasp"):
+    with pytest.warns(
+        ComoveWarning, match=r"grasps\.left .line 13.: 'left' .* 0\.1 m away .* move its grasp"
+    ):
         tray(tmp_path, ("[-0.2, 0, 0]", "[-0.3, 0, 0]"))
 
 
@@ -694,29 +697,44 @@ def test_a_grasp_in_the_air_is_warned_of_in_the_files_words(tmp_path):
 
 def test_the_schema_knows_all_keys_of_a_file(tmp_path):
     """Keys of a scene are properties of the schema, and a key that it lacks is refused by it and by the reader."""
-    schema = SceneFile2.model_json_schema()
-
-    def known(part, data):
-        while "$ref" in part:
-            part = schema["$defs"][part["$ref"].rsplit("/", 1)[1]]
-        options = part.get("anyOf") or part.get("oneOf")
-        if options is not None:
-            return any(known(option, data) for option in options)
-        if isinstance(data, dict):
-            if part.get("type") != "object":
-                return False
-            inner, others = part.get("properties", {}), part.get("additionalProperties", True)
-            if others is False and not set(part.get("required", ())) <= set(data) <= set(inner):
-                return False
-            return all(known(inner.get(key, others), value) for key, value in data.items())
-        if isinstance(data, list):
-            return part.get("type") == "array" and all(known(part["items"], one) for one in data)
-        return part.get("const", data) == data and data in part.get("enum", [data])
-
     data = read_text(TRAY, tmp_path)
-    assert known(schema, data)
+    assert satisfies(data)
     data["payload"]["sise"] = data["payload"].pop("size")
-    assert not known(schema, data)
+    assert not satisfies(data)
+
+
+@pytest.mark.few(12)
+@pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_shipped_scenes_satisfy_the_schema(path, tmp_path):
+    """Those of version 1 as they are upgraded."""
+    data, _ = read_yaml(path)
+    if "workspace" not in data:
+        return
+    if data.get("version", 1) == 1:
+        data = read_text(as_text(upgraded(Scene.load(path, check_ends=False), data)), tmp_path)
+    assert satisfies(data)
+
+
+GRASP = {"position": [0.2, 0, 0], "approach": [0, 0, -1], "closing": [0, 1, 0]}
+
+
+@pytest.mark.parametrize(
+    "grasps",
+    [
+        "auto",
+        {"left": "auto", "right": "auto"},
+        {"left": "auto", "right": GRASP},
+        {"left": [GRASP], "right": [GRASP | {"position": [-0.2, 0, 0]}, GRASP | {"position": [-0.1, 0, 0]}]},
+        [{"left": "auto", "right": "auto"}, {"left": GRASP, "right": GRASP | {"position": [-0.2, 0, 0]}}],
+    ],
+    ids=["auto", "each auto", "one auto", "lists", "sets"],
+)
+def test_grasps_that_are_read_satisfy_the_schema(grasps, tmp_path):
+    data = read_text(TRAY, tmp_path) | {"robot": "two_pandas", "grasps": grasps}
+    Scene.from_dict(data, check_ends=False)
+    assert satisfies(data)
+    assert not satisfies(data | {"grasps": "some"})
 
 
 def test_a_mesh_without_a_volume_is_no_payload(tmp_path):
