@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from comove.arrays import coordinates
 from comove.io.keys import Direction, Length, PositiveLength, Sparse, Wrong, no_minus_zero
 from comove.model.constraints.constraint import (
     ROUNDING,
@@ -363,7 +364,7 @@ class DirectionConstraint(PoseConstraint):
         """Return in words how far the payload leans."""
         off = f"by up to {degrees(error):.3g} deg" if np.isfinite(error) else "by more than can be bounded"
         return (
-            f"the payload leans {off} from {_listed(self.world)} (tolerance {degrees(self.tolerance):g} deg)"
+            f"the payload leans {off} from [{coordinates(self.world, 4)}] (tolerance {degrees(self.tolerance):g} deg)"
         )
 
 
@@ -418,10 +419,6 @@ class PlaneConstraint(PoseConstraint):
     def reason(self, error: float, names: Sequence[str]) -> str:
         """Return in words how far the payload leaves the plane."""
         return f"the payload leaves its plane by up to {error:.3g} m (tolerance {self.tolerance:g} m)"
-
-
-def _listed(vector: Array) -> str:
-    return f"[{', '.join(f'{x:.4g}' for x in (vector + 0.0).tolist())}]"
 
 
 MAX_TOLERANCE = 45.0
