@@ -30,5 +30,8 @@ def test_what_is_no_number_is_told_first():
 
 
 def test_coordinates_are_written_without_traces_of_rounding():
-    assert coordinates([0.5, 5.55e-17, -0.0, -1e-9, 0.30000000000000004, -12.3456]) == "0.5, 0, 0, 0, 0.3, -12.346"
+    assert (
+        coordinates([0.5, 5.55e-17, -0.0, -1e-9, 0.30000000000000004, -12.3456])
+        == "0.5, 0, 0, 0, 0.3, -12.346"
+    )
     assert coordinates([1 / 3], 6) == "0.333333"

@@ -81,6 +81,7 @@ TURNS = tuple(
 )
 """Turns of a free goal among which one has to be clear, the smallest first [rad]."""
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
+HUGE = 20.0  # size of what moves in workspaces, from which on it is probably written in millimetres
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
 
@@ -200,7 +201,13 @@ class Scene:
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
                 way_out = f"move the {end}, or widen the workspace; what lies there, such as a table, is an obstacle"
                 way_out += f"; workspace: {self._wide_enough()} holds both ends"
-                if obstacle >= 0:
+                size = float(np.ptp(self.nodes_at(end), axis=0).max())
+                if size > HUGE * float((self.upper - self.lower).max()):
+                    way_out = (
+                        f"lengths are in metres, and what moves is {size:.4g} m wide, which looks like millimetres: "
+                        f"write its sizes and {'the hands' if self.words.version == 1 else 'its grasps'} in metres"
+                    )
+                elif obstacle >= 0:
                     way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
                     entry = self.words.key(f"obstacles[{obstacle}]")
@@ -883,7 +890,8 @@ def _warn_of_far_grasps(scene: Scene, far: Array) -> None:
     """Warn of every grasp that holds nothing; distances as `far_grasps` computes them."""
     file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
     for name, way in np.argwhere(far.T > 0.0).tolist():
-        who, at = file.holders[name], file.choices and file.choices[way].grasps[file.holders[name]]
+        who = file.holders[name]
+        at = file.choices[way].grasps[who] if file.choices else None
         told.setdefault(f"{scene.words.grasp(who, at)}: {told_far(who, far[way, name], file)}", who)
     for message in told:
         warnings.warn(f"{place}{message}", ComoveWarning, stacklevel=4)

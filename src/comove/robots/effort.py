@@ -26,6 +26,7 @@ import pinocchio as pin
 from scipy.interpolate import PPoly
 
 from comove.arrays import ROUNDING, Array
+from comove.model.files.keys import DEFAULT_MASS
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
@@ -41,8 +42,8 @@ from comove.robots.verification.kinematics import Inertias, inverse_dynamics
 
 
 def load_mass(scene: Scene) -> float:
-    """Return the mass of a scene's load, 0.25 kg where the scene does not say."""
-    return 0.25 if scene.load_mass is None else scene.load_mass
+    """Return the mass of a scene's load, `DEFAULT_MASS` where the scene does not say [kg]."""
+    return DEFAULT_MASS if scene.load_mass is None else scene.load_mass
 
 
 def carried_masses(scene: Scene) -> Array:

@@ -12,6 +12,7 @@ from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError, SceneError
 from comove.methods import METHODS, OF_ROBOTS
+from comove.model.files.reading import warn_of_no_mass
 from comove.model.scene import Scene
 from comove.planning.arguments import movements_of
 from comove.planning.clock import Budget, now
@@ -110,6 +111,8 @@ def check_robot(scene: Scene, robot: Robot, method: Method | None, planner: bool
             f"obstacles are constraints of the robot '{robot.name}'", key="obstacles", way_out=way_out
         )
     require_carried(robot, scene)
+    if scene.file.robot is None:  # else its file was warned of
+        warn_of_no_mass(scene.file, scene.path, scene.words)
 
 
 def require_carried(robot: Robot, scene: Scene) -> None:

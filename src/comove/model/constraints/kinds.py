@@ -363,9 +363,8 @@ class DirectionConstraint(PoseConstraint):
     def reason(self, error: float, names: Sequence[str]) -> str:
         """Return in words how far the payload leans."""
         off = f"by up to {degrees(error):.3g} deg" if np.isfinite(error) else "by more than can be bounded"
-        return (
-            f"the payload leans {off} from [{coordinates(self.world, 4)}] (tolerance {degrees(self.tolerance):g} deg)"
-        )
+        axis = coordinates(self.world, 4)
+        return f"the payload leans {off} from [{axis}] (tolerance {degrees(self.tolerance):g} deg)"
 
 
 @dataclass(frozen=True, eq=False)

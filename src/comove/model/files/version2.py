@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from comove.arrays import Array
+from comove.arrays import Array, coordinates
 from comove.errors import SceneError
 from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation
 from comove.io.keys import (
@@ -72,6 +72,8 @@ SAME_PLACE = 1e-3
 """Distance of two grasps up to which they collide, whatever the hands [m]."""
 PARALLEL = 1e-3
 """Sine of the least angle between a grasp's approach and the direction in which its fingers close."""
+ASKEW = 0.0175
+"""Cosine of that angle up to which the directions count as rounded: one degree from across."""
 
 
 class WorldPose(Turned):
@@ -195,6 +197,13 @@ class Oriented(Turned):
                 raise Wrong(
                     f"the fingers close along {show(self.closing)}, which is the direction of the approach",
                     "give a closing direction across the approach",
+                )
+            across = self.rotation[:, 1]
+            if abs(z @ y) > ASKEW * np.linalg.norm(z) * np.linalg.norm(y):
+                raise Wrong(
+                    f"the fingers close along {show(self.closing)}, which is not across the approach "
+                    f"{show(self.approach)}",
+                    f"write closing: [{coordinates(across, 6)}]",
                 )
         return self
 

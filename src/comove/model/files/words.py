@@ -72,6 +72,16 @@ class Words(NamedTuple):
         return f"the {end} of every manipulator" if self.version == 1 else f"payload.{end}.position"
 
     @property
+    def hand(self) -> str:
+        """Return the name of what moves to a start and a goal, in words."""
+        return "manipulator" if self.version == 1 else "end effector"
+
+    @property
+    def load(self) -> str:
+        """Return the name of the rigid body that is held, in words."""
+        return "load" if self.version == 1 else "payload"
+
+    @property
     def bodies(self) -> str:
         """Return what moves, in words."""
         return "the load or a hand" if self.version == 1 else "the payload or an end effector"
