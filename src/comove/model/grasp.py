@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +39,14 @@ from comove.model.files.keys import (
     GraspPart,
     Gripped,
     Manipulator,
+    MeshLoad,
     PartsLoad,
     PayloadPose,
     PolygonLoad,
     SceneFile,
 )
 from comove.model.groups import RigidGroup
-from comove.model.shapes import inside_polygon, parts_of, spatial
+from comove.model.shapes import MovingBody, inside_polygon, parts_of, spatial
 
 SAME = 1e-9
 """By which a pose may differ from one that a free goal allows [m] or [rad]."""
@@ -304,10 +305,6 @@ def chosen(file: SceneFile, choice: GraspOption) -> SceneFile:
     )
 
 
-if TYPE_CHECKING:
-    from comove.geometry.convex_decomposition import ConvexDecomposition
-
-
 FINGERS = 0.04
 """Distance from a payload at which a hand still holds it [m]: fingers of parallel grippers are about 4 cm long, and a
 hand may be given by their roots."""
@@ -315,9 +312,7 @@ SHARE = 0.02
 """Share of the payload's longest side that is allowed besides, for sizes that are rounded."""
 
 
-def far_grasps(
-    file: SceneFile, groups: Sequence[RigidGroup], decomposition: ConvexDecomposition | None = None
-) -> Array:
+def far_grasps(file: SceneFile, groups: Sequence[RigidGroup], body: MovingBody) -> Array:
     """Compute how far grasps that hold nothing are from the payload, in every way to hold it.
 
     A grasp holds it up to `FINGERS` and `SHARE` of the payload's longest side from its surface. Of a mesh, distances
@@ -326,7 +321,7 @@ def far_grasps(
     Parameters
     ----------
     groups : the rigid groups of the scene; one of them holds the payload
-    decomposition : of a payload that is a mesh
+    body : the geometry of the payload and the hands
 
     Returns
     -------
@@ -336,7 +331,9 @@ def far_grasps(
     if file.load is None or group is None:
         return np.zeros((max(len(file.choices or ()), 1), len(file.holders)))
     hands = _held_at(file, group)
-    apart = np.stack([_distances(file, group, way, decomposition) for way in hands])
+    corners = np.concatenate([g.corners for g in groups])
+    hulls = [corners[np.unique(solid) - len(file.names)] for solid in body.solids]
+    apart = np.stack([_distances(file, group, way, hulls) for way in hands])
     points = group.corners if len(group.corners) else group.grasps
     allowed = FINGERS + SHARE * float(np.ptp(points, axis=0).max())
     return np.where(apart > allowed, apart, 0.0)
@@ -352,10 +349,11 @@ def _held_at(file: SceneFile, group: RigidGroup) -> Array:
     return (center + points @ turn.T - group.start.center) @ group.start.rotation
 
 
-def _distances(
-    file: SceneFile, group: RigidGroup, hands: Array, decomposition: ConvexDecomposition | None
-) -> Array:
-    """Compute how far hands are from the payload, 0 inside of it; (n_holders, 3), [m] -> (n_holders,)."""
+def _distances(file: SceneFile, group: RigidGroup, hands: Array, hulls: Sequence[Array]) -> Array:
+    """Compute how far hands are from the payload, 0 inside of it; (n_holders, 3), [m] -> (n_holders,).
+
+    The corners of a payload of convex solids are those of `hulls`, arrays of shape (n_corners, 3) [m].
+    """
     load = file.load
     if isinstance(load, FrameLoad):
         at = dict(zip(file.holders, hands, strict=True))
@@ -370,19 +368,13 @@ def _distances(
         lengths = np.linalg.norm(edges, axis=1)
         along = np.abs((hands - group.corners.mean(axis=0)) @ (edges / lengths[:, None]).T)
         return np.linalg.norm(np.maximum(along - lengths / 2, 0.0), axis=1)
-    if isinstance(load, PartsLoad) or decomposition is not None:
+    if isinstance(load, PartsLoad | MeshLoad):
         from comove.geometry.polytopes import nearest_in_hull  # most scenes need no polytopes
 
-        hulls, rods = list[Array](), np.zeros(len(hands)) + np.inf
-        if decomposition is not None:
-            last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
-            hulls = np.split(group.corners[: last[-1]], last[:-1])
-        elif isinstance(load, PartsLoad):
-            parts = parts_of(load)
-            hulls = [group.corners[hull] for hull in parts.hulls]
-            for a, b, radius in parts.rods:
-                apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
-                rods = np.minimum(rods, np.maximum(apart, 0.0))
+        rods = np.full(len(hands), np.inf)
+        for a, b, radius in parts_of(load).rods if isinstance(load, PartsLoad) else ():
+            apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
+            rods = np.minimum(rods, np.maximum(apart, 0.0))
         feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
         return np.min(
             [rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0

@@ -107,7 +107,6 @@ class Scene:
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
     words : names and lines of keys in the scene's file
-    n_far : array of int, shape (n_ways,), number of grasps that hold nothing, for each choice of the file, or one
     """
 
     __repr__ = brief
@@ -127,7 +126,6 @@ class Scene:
     excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
     words: Words = VERSION_1
-    n_far: Integers = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
 
     @classmethod
     def load(
@@ -309,6 +307,11 @@ class Scene:
         if len(parts) < 2 and (self.file.grasp is None or parts[0] is self.file.grasp):
             return (self,)
         return tuple(self.held_as(part) for part in parts)
+
+    @cached_property
+    def n_far(self) -> Integers:
+        """Return the number of grasps that hold nothing in each choice of the file, or as given; shape (n_ways,)."""
+        return np.asarray((far_grasps(self.file, self.groups, self.body) > 0.0).sum(axis=1), dtype=np.int64)
 
     @property
     def choices(self) -> tuple[GraspOption, ...]:
@@ -859,7 +862,6 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         groups.append(group)
         implied += pairs
     table, owners = obstacle_table(file, held)
-    far = far_grasps(file, groups, held.get(LOAD))
     scene = Scene(
         file=file,
         folder=folder,
@@ -875,20 +877,20 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         excess=_excess(file, held),
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
         words=words,
-        n_far=(far > 0.0).sum(axis=1),
     )
     _require_slow_tips(scene)
     for end, before, after in zip(ENDS, given, scene.ends, strict=True):
         _say_shift(end, before, after, scene.manipulators)
     _require_heading(scene, path)
-    _warn_of_far_grasps(scene, far)
+    _warn_of_far_grasps(scene)
     _require_kept_ends(scene, path)
     return scene
 
 
-def _warn_of_far_grasps(scene: Scene, far: Array) -> None:
-    """Warn of every grasp that holds nothing; distances as `far_grasps` computes them."""
+def _warn_of_far_grasps(scene: Scene) -> None:
+    """Warn of every grasp that holds nothing."""
     file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
+    far = far_grasps(file, scene.groups, scene.body)
     for name, way in np.argwhere(far.T > 0.0).tolist():
         who = file.holders[name]
         at = file.choices[way].grasps[who] if file.choices else None
