@@ -16,11 +16,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from comove import solve
 from comove.dmp.demonstrations import formats
 from comove.lab.examples import copy_examples
 from comove.model import Scene
+from comove.robots import Robot, RobotCarrier
 from tests.commands import invoke
 from tests.lab.paper.test_page import SMALL
+from tests.schema import satisfies
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -169,6 +172,35 @@ def test_examples(example, folder, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [str(example)])
     runpy.run_path(str(example), run_name="__main__")
     assert "False" not in capsys.readouterr().out
+
+
+def whole_scenes() -> list:
+    """The blocks of YAML that are a scene by themselves, which arms take long to solve."""
+    import yaml
+
+    read = [(page, yaml.safe_load(text)) for page, text in dict.fromkeys(blocks("yaml"))]
+    scenes = [(page, data) for page, data in read if {"name", "workspace"} <= set(data or ())]
+    return [pytest.param(data, id=f"{page} {data['name']}") for page, data in scenes]
+
+
+@pytest.mark.parametrize("data", whole_scenes())
+def test_whole_scenes_of_pages_satisfy_the_schema_and_can_be_solved(data):
+    """Hands are moved; of arms, the joints at both ends are clear, which is where poses that are made up fail."""
+    scene = Scene.from_dict(data)
+    assert data.get("version", 1) == 1 or satisfies(data)
+    if scene.file.robot is None:
+        assert solve(scene, effort="quick").verified
+        return
+    carrier = RobotCarrier(Robot.load(scene.file.robot), scene.alternatives[0].timed(scene.duration))
+    carrier.require_reach()
+    carrier.require_clear_ends()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("data", [one for one in whole_scenes() if "robot" in one.values[0]])
+def test_whole_scenes_of_pages_are_carried(data):
+    scene = Scene.from_dict(data)
+    assert solve(scene, robot=Robot.load(scene.file.robot), effort="quick").verified
 
 
 def test_the_scene_of_the_readme_is_the_example():

@@ -16,6 +16,13 @@ Integers = NDArray[np.int64]
 ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
 
 
+def coordinates(values: ArrayLike, decimals: int = 3) -> str:
+    """Return coordinates as text, rounded and without the traces of rounding, such as ``0.5, 0, 0.3``."""
+    return ", ".join(
+        f"{value:.12g}" for value in (np.round(np.asarray(values, dtype=float), decimals) + 0.0).tolist()
+    )
+
+
 def first_largest(values: ArrayLike) -> int:
     """Return the first index in the flattened array of a value as large as the largest; nan counts as largest."""
     values = np.asarray(values, dtype=float).ravel()

@@ -74,6 +74,6 @@ def test_the_grasps_that_were_taken_are_told(tmp_path):
     (tmp_path / "open.yaml").write_text(yaml.safe_dump(data))
     found = invoke("solve", "open.yaml", "--out", "found", folder=tmp_path)
     assert found.exit_code == 0, found.output
-    assert re.search(r"grasps taken +left at \[-0\.1, 0\.0\], right at \[0\.1, 0\.0\]", found.output)
+    assert re.search(r"grasps taken +left at \[-0\.1, 0\], right at \[0\.1, 0\]", found.output)
     again = invoke("verify", "open.yaml", "found", folder=tmp_path)  # the goal's turn is that of the result
     assert again.exit_code == 0, again.output

@@ -48,8 +48,10 @@ def asked(monkeypatch):
 def scenes(tmp_path):
     """A scene that names Baxter, and the same without a robot."""
     with_robot, without = tmp_path / "robot.yaml", tmp_path / "hands.yaml"
-    with_robot.write_text(json.dumps(scene_data()))
-    without.write_text(json.dumps({key: value for key, value in scene_data().items() if key != "robot"}))
+    data = scene_data()
+    data["load"] |= {"mass": 0.25}  # else it is warned of
+    with_robot.write_text(json.dumps(data))
+    without.write_text(json.dumps({key: value for key, value in data.items() if key != "robot"}))
     return with_robot, without
 
 

@@ -227,7 +227,7 @@ def test_a_grasp_needs_space_and_a_load():
 
 
 def test_a_robot_is_named_in_words():
-    data = scene_of(stick(), stick(1.0), load=BAR)
+    data = scene_of(stick(), stick(1.0), load=BAR | {"mass": 0.5})
     assert quiet(data | {"robot": "baxter"}).file.robot == "baxter"
     for wrong in ({"model": "baxter"}, 7, "", "a\nb"):
         assert refused(data | {"robot": wrong}).key == "robot"

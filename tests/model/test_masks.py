@@ -281,33 +281,73 @@ def test_a_payload_leans_within_its_tolerance():
     assert leaning.max() <= solution.report.tilt_max <= np.deg2rad(12.0)
 
 
+LEVEL, PLACE = {"type": "upright", "tolerance_deg": 0.5}, (0.4, 0.3, 0.1)
+X, Z = {"type": "axis", "axis": [1, 0, 0]}, {"type": "axis", "axis": [0, 0, 1]}
 REFUSED = [
-    ({"type": "no_rotation"}, about(SLANTED, 30.0), (0.4, 0.3, 0.1)),
-    ({"type": "axis", "axis": [1, 0, 0]}, about([0, 0, 1], 30.0), (0.4, 0.3, 0.1)),
-    ({"type": "planar"}, about([0, 0, 1], 30.0), (0.3, 0.3, 0.2)),
-    ({"type": "upright", "tolerance_deg": 10}, about([1, 0, 0], 17.5), (0.4, 0.3, 0.1)),
+    ([{"type": "no_rotation"}], about(SLANTED, 30.0), PLACE),
+    ([X], about([0, 0, 1], 30.0), PLACE),
+    ([{"type": "planar"}], about([0, 0, 1], 30.0), (0.3, 0.3, 0.2)),
+    ([{"type": "upright", "tolerance_deg": 10}], about([1, 0, 0], 17.5), PLACE),
+    ([{"type": "upright", "tolerance_deg": 10}], about([1, 0, 0], 60.0), PLACE),
+    ([{"type": "upright", "tolerance_deg": 10}], about([1, 0, 0], 180.0), PLACE),
+    ([LEVEL], about([1, 0, 0], 17.5), PLACE),
+    ([LEVEL], about([1, 0, 0], 60.0), PLACE),
+    ([LEVEL, X], about([0, 0, 1], 30.0), PLACE),
+    ([{"type": "planar"}, {"type": "no_rotation"}], about([0, 0, 1], 30.0), (0.3, 0.3, 0.0)),
+    ([{"type": "planar", "normal": [0, 1, 0]}, Z], about([0, 0, 1], 30.0), (0.3, 0.0, 0.1)),
+    ([{"type": "planar"}, X], about(SLANTED, 30.0), (0.3, 0.3, 0.0)),
 ]
 
 
-@pytest.mark.parametrize(("constraint", "turn", "shift"), REFUSED)
-def test_a_goal_that_needs_what_is_kept_is_refused_with_advice_that_works(constraint, turn, shift):
-    """The message names the constraint and says what to write; what it says is accepted."""
-    data = held(constraint, turn, shift)
+def follow(data, error):
+    """Change a scene as an error says, word by word."""
+    advice, constraints = error.way_out, data["constraints"]
+    named = [int(number) for number in re.findall(r"constraints\[(\d)\]", f"{advice} {error.key}")]
+    if "{type: axis" in advice:
+        constraints[named[0]] = yaml.safe_load(advice[advice.index("{") : advice.index("}") + 1])
+    elif "goal position" in advice:
+        place = advice[advice.index("[") : advice.index("]") + 1]
+        data["payload"]["goal"]["position"] = yaml.safe_load(place)
+    elif wide := re.search(r"tolerance_deg: ([\d.]+)", advice):
+        constraints[named[0]]["tolerance_deg"] = float(wide[1])
+    else:
+        assert "leave" in advice
+        data["constraints"] = [c for i, c in enumerate(constraints) if i not in named]
+
+
+@pytest.mark.parametrize(("constraints", "turn", "shift"), REFUSED)
+def test_a_goal_that_needs_what_is_kept_is_refused_with_advice_that_works(constraints, turn, shift):
+    """The message names the constraints and says what to write; what it says is accepted."""
+    data = held(deepcopy(constraints), turn, shift)
     with pytest.raises(SceneError) as raised:
         Scene.from_dict(data)
-    assert raised.value.key == "constraints[0]"
-    advice = raised.value.way_out
-    if "{type: axis" in advice:
-        data["constraints"] = [yaml.safe_load(advice[advice.index("{") : advice.index("}") + 1])]
-    elif "goal position" in advice:
-        data["payload"]["goal"]["position"] = yaml.safe_load(
-            advice[advice.index("[") : advice.index("]") + 1]
-        )
-    else:
-        data["constraints"][0]["tolerance_deg"] = float(advice.split("tolerance_deg: ")[1].split(",")[0])
+    follow(data, raised.value)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ComoveWarning)  # an axis is told with four digits
         Scene.from_dict(data)
+
+
+def test_in_the_plane_advice_is_no_axis():
+    """A turned goal may keep the orientation of the start, or the constraint is left out."""
+    data = {
+        "version": 2,
+        "name": "flat",
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "payload": {
+            "shape": "box",
+            "size": [0.2, 0.1],
+            "start": {"position": [0.3, 0.3], "angle_deg": 10},
+            "goal": {"position": [0.7, 0.6], "angle_deg": 90},
+        },
+        "grasps": {"a": {"position": [-0.1, 0]}, "b": {"position": [0.1, 0]}},
+        "constraints": [{"type": "no_rotation"}],
+    }
+    with pytest.raises(SceneError, match="80 deg from its start") as raised:
+        Scene.from_dict(data)
+    assert "leave constraints[0] out" in raised.value.way_out
+    Scene.from_dict(data | {"constraints": []})
+    data["payload"]["goal"]["angle_deg"] = float(re.search(r"angle_deg: (\S+)", raised.value.way_out)[1])
+    Scene.from_dict(data)
 
 
 def test_a_goal_within_the_tolerance_is_moved_onto_the_constraint():

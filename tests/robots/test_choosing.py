@@ -1,5 +1,6 @@
 """Ways to hold and put down a payload: what is dropped is out of reach, what is taken is held, by Pinocchio."""
 
+import re
 from functools import cache
 
 import numpy as np
@@ -9,10 +10,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import comove
-from comove.errors import SceneError
+from comove.errors import ComoveWarning, SceneError
 from comove.model import Scene
-from comove.robots import Robot
+from comove.robots import Robot, RobotCarrier
 from comove.robots.choosing import Reach
+from comove.robots.solving import _clear_ways, require_carried
 from tests.robots.raw_links import RawLinks
 
 BOARD = {
@@ -128,6 +130,60 @@ def test_grasps_that_no_arm_reaches_are_told_with_how_far():
         SceneError, match=r"payload\.goal: .*'left' cannot reach its goal .* m and .* degrees are"
     ):
         comove.solve(scene, robot=robot())
+
+
+def held_at(left, right):
+    return {
+        name: [
+            {"position": [x, 0, 0], "approach": [0, 0, -1], "closing": [0, sign, 0]} for x, sign in several
+        ]
+        for name, several in (("left", left), ("right", right))
+    }
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_grasps_on_the_payload_precede_those_in_the_air(n):
+    """However many are ranked, and however little the joints turn to those in the air."""
+    left, right = [(0.3, 1), (0.17, -1)], [(-0.17, 1), (-0.17, -1), (-0.3, 1)][:n]
+    with pytest.warns(ComoveWarning, match=r"grasps\.left\[0\]"):
+        scene = board(grasps=held_at(left, right))
+    ways = [choice.grasps for choice, _ in Reach(robot(), scene).ranked()]
+    held = [sum(abs(at[0]) < 0.2 for at in way.values()) for way in ways]
+    assert held == sorted(held, reverse=True)
+    assert held[0] == 2
+    way = next(_clear_ways(scene, robot(), {}, True))
+    assert way.file.load.grasps["left"][0] == 0.17
+
+
+COLLIDING = [
+    (held_at([(0.17, 1)], [(0.16, 1)]), "2 hands"),
+    (held_at([(0.17, 1), (0.17, -1)], [(0.16, 1), (0.15, 1)]), "of lists"),
+]
+
+
+@pytest.mark.parametrize("grasps", [one for one, _ in COLLIDING], ids=[name for _, name in COLLIDING])
+def test_hands_that_collide_by_their_grasps_are_named_and_moved_apart(grasps):
+    """Not as arms that lift too much by the lever; the distance that is advised is accepted, a shorter one is not."""
+    scene = board(grasps=grasps)
+    with pytest.raises(SceneError, match=r"'left' and 'right' are .* collide whatever joints hold") as raised:
+        comove.solve(scene, robot=robot())
+    assert raised.value.key.startswith("grasps")
+    needed = float(re.search(r"at least ([\d.]+) m", raised.value.way_out)[1])
+    for distance, fine in ((needed, True), (needed - 0.06, False)):
+        moved = board(grasps=held_at([(0.17, 1)], [(0.17 - distance, 1)]))
+        try:
+            RobotCarrier(robot(), moved)
+        except SceneError as error:
+            assert "collide" in str(error)
+            assert not fine
+        else:
+            assert fine
+
+
+def test_one_way_that_arms_can_carry_will_do():
+    """The first of the listed grasps puts both hands at one place."""
+    scene = board(grasps=held_at([(0.17, 1)], [(0.16, 1), (-0.17, 1)]))
+    require_carried(robot(), scene)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from comove.errors import SceneError
 from comove.model import Scene
 from comove.robots import Robot, verify_joints
 from comove.robots.carrying import RobotCarrier
-from comove.robots.effort import carried_masses, loaded_model
+from comove.robots.effort import carried_masses, loaded_model, overburdened
 from tests.meshes import hull, write_obj
 from tests.robots.known_carry import baxter, known_carry, on_scene, scene_data
 from tests.robots.known_path import DISTANCE
@@ -166,3 +166,15 @@ def test_bundled_arms_are_rated_as_their_makers_state_and_their_hands_leave_some
         arms = robot(name).arms
         assert [arm.payload for arm in arms] == payloads
         assert all(arm.hand < 0.3 * arm.payload for arm in arms)
+
+
+def test_the_mass_that_is_advised_is_one_that_all_arms_hold():
+    """Two arms are overburdened by the lever; the advice of the first suits the second as well."""
+    scene = box_held_at(0.1 + DISTANCE, 0.1, 20.0)
+    carrying = [replace(baxter().arm(name), payload=rated) for name, rated in (("left", 2.2), ("right", 3.0))]
+    told = [*overburdened(scene, tuple(carrying))]
+    assert len(told) == 2
+    for reason in told:
+        advised = float(re.search(r"let the load weigh ([\d.]+) kg at most", reason)[1])
+        assert not [*overburdened(box_held_at(0.1 + DISTANCE, 0.1, advised), tuple(carrying))]
+        assert [*overburdened(box_held_at(0.1 + DISTANCE, 0.1, 1.02 * advised), tuple(carrying))]

@@ -167,12 +167,12 @@ def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
     return not hands_alone and (robot is not None or scene.file.robot is not None)
 
 
-def require_carried(robot: Robot, choice: Scene, scene: Path) -> None:
-    """Refuse a scene that no robot carries, or not this one; `choice` is the scene with one of its grasps."""
-    from comove.robots import RobotCarrier
+def require_carried(robot: Robot, loaded: Scene, scene: Path) -> None:
+    """Refuse a scene that no robot carries, or not this one."""
+    from comove.robots.solving import require_carried
 
     try:
-        RobotCarrier(robot, choice)
+        require_carried(robot, loaded)
     except InputError as error:
         error.file = error.file or scene
         raise

@@ -90,7 +90,7 @@ def run_joints(
     carrier, named = o.robot_named(robot, loaded, scene)
     engine()
     steps_of(settings.period)
-    o.require_carried(carrier, loaded.standing().alternatives[0], scene)
+    o.require_carried(carrier, loaded.standing(), scene)
     hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
         require_no_rest(loaded.require_free_ends())

@@ -18,7 +18,8 @@ group = sub_application("scene", "Scene files: write version 2 of one, print the
 def upgrade(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene of version 1 (YAML).")],
     out: Annotated[
-        Path | None, typer.Option(help="File to write, in SCENE's folder; it must not be there yet.")
+        Path | None,
+        typer.Option(help="File to write, which must not be there yet; beside SCENE if that names files."),
     ] = None,
 ) -> int:
     """Write SCENE as a file of version 2, without its comments; print it unless --out is given."""

@@ -154,7 +154,7 @@ def solve(
             part = chosen.scene_of(loaded)
             check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
             if arms:
-                o.require_carried(arms, loaded.alternatives[0], scene)
+                o.require_carried(arms, loaded, scene)
             known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
             movements, named = movements_of(taught, part), ""
             loaded.require_free_ends()
@@ -216,9 +216,10 @@ def _say_solution(
     print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
     rows = [("demonstration", named)] if named else []
     if asked.file.choices is not None:
+        from comove.arrays import coordinates
         from comove.model.files.upgrade import held_at
 
-        held = (f"{name} at {at}" for name, at in held_at(solution.scene.file).items())
+        held = (f"{name} at [{coordinates(at, 4)}]" for name, at in held_at(solution.scene.file).items())
         rows += [("grasps taken", ", ".join(held))]
     if solution.joints is not None:
         print(joints_text(solution.joints.robot.name, vars(solution.joints.report)))

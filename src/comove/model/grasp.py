@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +39,14 @@ from comove.model.files.keys import (
     GraspPart,
     Gripped,
     Manipulator,
+    MeshLoad,
     PartsLoad,
     PayloadPose,
     PolygonLoad,
     SceneFile,
 )
 from comove.model.groups import RigidGroup
-from comove.model.shapes import inside_polygon, parts_of, spatial
+from comove.model.shapes import MovingBody, inside_polygon, parts_of, spatial
 
 SAME = 1e-9
 """By which a pose may differ from one that a free goal allows [m] or [rad]."""
@@ -320,10 +321,6 @@ def chosen(file: SceneFile, choice: GraspOption) -> SceneFile:
     )
 
 
-if TYPE_CHECKING:
-    from comove.geometry.convex_decomposition import ConvexDecomposition
-
-
 FINGERS = 0.04
 """Distance from a payload at which a hand still holds it [m]: fingers of parallel grippers are about 4 cm long, and a
 hand may be given by their roots."""
@@ -331,28 +328,51 @@ SHARE = 0.02
 """Share of the payload's longest side that is allowed besides, for sizes that are rounded."""
 
 
-def grasp_distances(
-    file: SceneFile, groups: list[RigidGroup], decomposition: ConvexDecomposition | None = None
-) -> Array:
-    """Compute how far each hand that holds the payload is from it.
+def far_grasps(file: SceneFile, groups: Sequence[RigidGroup], body: MovingBody) -> Array:
+    """Compute how far grasps that hold nothing are from the payload, in every way to hold it.
+
+    A grasp holds it up to `FINGERS` and `SHARE` of the payload's longest side from its surface. Of a mesh, distances
+    are those from the polytopes that contain it, which are at most their over-approximation error less.
 
     Parameters
     ----------
     groups : the rigid groups of the scene; one of them holds the payload
-    decomposition : of a payload that is a mesh
+    body : the geometry of the payload and the hands
 
     Returns
     -------
-    array, shape (n_holders,), [m]; 0 inside of the payload. Of a mesh, the distance from the polytopes that contain
-    it, which is at most their over-approximation error less.
+    array, shape (n_ways, n_holders), [m]; 0 for grasps that hold it. Ways are the choices of the file, or one.
     """
-    load, holders = file.load, file.holder_numbers
-    group = next((g for g in groups if set(holders) <= set(g.members)), None)
-    if load is None or group is None:
-        return np.zeros(len(holders))
-    hands = group.grasps[[group.members.index(i) for i in holders]]
+    group = next((g for g in groups if set(file.holder_numbers) <= set(g.members)), None)
+    if file.load is None or group is None:
+        return np.zeros((max(len(file.choices or ()), 1), len(file.holders)))
+    hands = _held_at(file, group)
+    corners = np.concatenate([g.corners for g in groups])
+    hulls = [corners[np.unique(solid) - len(file.names)] for solid in body.solids]
+    apart = np.stack([_distances(file, group, way, hulls) for way in hands])
+    points = group.corners if len(group.corners) else group.grasps
+    allowed = FINGERS + SHARE * float(np.ptp(points, axis=0).max())
+    return np.where(apart > allowed, apart, 0.0)
+
+
+def _held_at(file: SceneFile, group: RigidGroup) -> Array:
+    """Return where every way holds the payload, in the group's frame; array, shape (n_ways, n_holders, 3) [m]."""
+    load = file.load
+    if not file.choices or load is None or load.start is None:
+        return group.grasps[None, [group.members.index(i) for i in file.holder_numbers]]
+    turn, center = matrices(np.array(load.start.quaternion_wxyz)), spatial(np.array(load.start.position))
+    points = spatial(np.array([[way.grasps[name] for name in file.holders] for way in file.choices]))
+    return (center + points @ turn.T - group.start.center) @ group.start.rotation
+
+
+def _distances(file: SceneFile, group: RigidGroup, hands: Array, hulls: Sequence[Array]) -> Array:
+    """Compute how far hands are from the payload, 0 inside of it; (n_holders, 3), [m] -> (n_holders,).
+
+    The corners of a payload of convex solids are those of `hulls`, arrays of shape (n_corners, 3) [m].
+    """
+    load = file.load
     if isinstance(load, FrameLoad):
-        at = {name: group.grasps[group.members.index(file.names.index(name))] for name in file.holders}
+        at = dict(zip(file.holders, hands, strict=True))
         ends = np.array([[at[first], at[second]] for first, second in load.edges])
         return np.maximum(_from_segments(hands, ends) - load.radius, 0.0)
     if isinstance(load, PolygonLoad):
@@ -364,48 +384,25 @@ def grasp_distances(
         lengths = np.linalg.norm(edges, axis=1)
         along = np.abs((hands - group.corners.mean(axis=0)) @ (edges / lengths[:, None]).T)
         return np.linalg.norm(np.maximum(along - lengths / 2, 0.0), axis=1)
-    if isinstance(load, PartsLoad) or decomposition is not None:
+    if isinstance(load, PartsLoad | MeshLoad):
         from comove.geometry.polytopes import nearest_in_hull  # most scenes need no polytopes
 
-        hulls, rods = list[Array](), np.zeros(len(hands)) + np.inf
-        if decomposition is not None:
-            last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
-            hulls = np.split(group.corners[: last[-1]], last[:-1])
-        elif isinstance(load, PartsLoad):
-            parts = parts_of(load)
-            hulls = [group.corners[hull] for hull in parts.hulls]
-            for a, b, radius in parts.rods:
-                apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
-                rods = np.minimum(rods, np.maximum(apart, 0.0))
+        rods = np.full(len(hands), np.inf)
+        for a, b, radius in parts_of(load).rods if isinstance(load, PartsLoad) else ():
+            apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
+            rods = np.minimum(rods, np.maximum(apart, 0.0))
         feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
         return np.min(
             [rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0
         )
-    return np.zeros(len(holders))  # a bar lies between its hands
+    return np.zeros(len(hands))  # a bar lies between its hands
 
 
-def far_grasps(
-    file: SceneFile, groups: list[RigidGroup], decomposition: ConvexDecomposition | None = None
-) -> str | None:
-    """Return what is wrong with the grasp that is farthest from the payload; None if all are near.
-
-    The allowed distance is `FINGERS` and `SHARE` of the payload's longest side.
-    """
-    apart = grasp_distances(file, groups, decomposition)
-    if not apart.size or apart.max() <= FINGERS:
-        return None
-    group = next(g for g in groups if set(file.holder_numbers) <= set(g.members))
-    points = group.corners if len(group.corners) else group.grasps
-    longest = float(np.ptp(points, axis=0).max())
-    if apart.max() <= FINGERS + SHARE * longest:
-        return None
-    # Hands at the two ends of a payload are equally far but for rounding.
-    worst = int(np.flatnonzero(apart > apart.max() - 1e-9)[0])
-    name, load = file.holders[worst], file.load
-    shape = "frame" if load is None else load.shape
+def told_far(name: str, apart: float, file: SceneFile) -> str:
+    """Return that the grasp of an end effector holds nothing, how far it is from the payload [m], and what to do."""
     return (
-        f"'{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
-        f"nothing between its fingers; {_advice(file)}"
+        f"'{name}' is to hold the payload, and is {apart:.3g} m away from its surface: there is nothing between its "
+        f"fingers; {_advice(file)}"
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from comove.arrays import Array, first_largest
+from comove.arrays import Array, coordinates, first_largest
 from comove.errors import SceneError
 from comove.geometry.rotations import (
     UP,
@@ -33,7 +33,7 @@ from comove.model.constraints import (
     SameHeightConstraint,
     UprightConstraint,
 )
-from comove.model.constraints.kinds import PoseConstraint, distance_tolerance
+from comove.model.constraints.kinds import MAX_TOLERANCE, PoseConstraint, distance_tolerance
 from comove.model.files.keys import ROUNDING, BarLoad, BoxLoad, Gripped, PartsLoad, PolygonLoad, SceneFile
 from comove.model.groups import (
     GroupPose,
@@ -203,6 +203,7 @@ class _Body:
         self.names, self.n_dims, self._error = bodies.file.names, bodies.file.dimension, bodies._error
         self.ends = bodies.start[list(members)], bodies.goal[list(members)]
         self.own = [c for c in bodies.constraints if set(c.hands) <= set(members)]
+        self.stated_in_file = bodies.constraints[: len(bodies.file.constraints)]
         self.stated = {frozenset(c.hands): c for c in self.own if isinstance(c, DistanceConstraint)}
         load, holds = bodies.file.load, not {*members}.isdisjoint(bodies.file.holder_numbers)
         given = (load.start, load.goal) if load is not None and holds else ()
@@ -329,13 +330,13 @@ class _Body:
             twist = 0.0 if is_fixed else float(turned[1:] @ axes[0])
             kept = np.append(turned[0], twist * axes[0]) if twist else np.array(UNTURNED)
             rotation = matrices(kept / np.linalg.norm(kept)) @ start.rotation
-            self._require_turn(rotation @ goal.rotation.T, turned, [*fixed, *turns])
+            self._require_turn(rotation @ goal.rotation.T, turned, start.rotation, [*fixed, *turns])
         center, normal = goal.center, None
         for c in (c for c in own if isinstance(c, PlaneConstraint)):
             off, normal = (center - start.center) @ c.normal, c.normal
             center = center - off * normal
             if abs(off) > c.tolerance + ROUNDING:
-                there = f"write goal position: {center[: self.n_dims].round(6).tolist()}"
+                there = f"write goal position: [{coordinates(center[: self.n_dims], 6)}]"
                 told = (
                     f"the goal is {abs(off):.3g} m out of the plane in which the payload moves from its start"
                 )
@@ -359,20 +360,32 @@ class _Body:
         """Return the key of the first constraint of some kinds."""
         return f"constraints[{next(i for i, c in enumerate(self.file.constraints) if c.type in kinds)}]"
 
-    def _require_turn(self, missed: Array, turned: Array, keeping: list[PoseConstraint]) -> None:
+    def _require_turn(
+        self, missed: Array, turned: Array, start: Array, keeping: list[PoseConstraint]
+    ) -> None:
         """Refuse a goal that is turned, by the quaternion `turned` from the start, as constraints do not allow."""
         off = float(np.linalg.norm(logarithm(quaternion_of_rotation(missed))))
         allowed = min((c.tolerance for c in keeping), default=0.0) + TILT_ROUNDING
         if off <= allowed:
             return
         axis = logarithm(turned)
-        about = (axis / np.linalg.norm(axis)).round(4) + 0.0
-        told = f"the goal turns the payload by {degrees(np.linalg.norm(axis)):.3g} deg about {about.tolist()}"
+        about = f"[{coordinates(axis / np.linalg.norm(axis), 4)}]"
+        told = f"the goal turns the payload by {degrees(np.linalg.norm(axis)):.3g} deg"
         left_out = f"{degrees(off):.3g} deg of it out (tolerance {degrees(allowed):.3g} deg)"
+        kept = [i for i, c in enumerate(self.file.constraints) if c.type in ("no_rotation", "axis", "planar")]
+        against = [i for i in kept if _turn_left_out(self.stated_in_file[i], turned)] or kept
+        named = " and ".join(f"constraints[{i}]" for i in against)
+        way_out = f"leave {named} out, or write another orientation at the goal"
+        if self.n_dims == 2:
+            angle = round(degrees(np.arctan2(start[1, 0], start[0, 0])), 6) + 0.0
+            way_out = f"leave {named} out, or write angle_deg: {angle:g} at the goal, as at the start"
+        elif len(kept) == 1:
+            way_out = f"write {{type: axis, axis: {about}}} instead, or another orientation at the goal"
+        told += "" if self.n_dims == 2 else f" about {about}"
         raise self._error(
             f"{told} from its start, and the constraints leave {left_out}",
-            self._key("no_rotation", "axis", "planar"),
-            f"write {{type: axis, axis: {about.tolist()}}} instead, or another orientation at the goal",
+            f"constraints[{against[0]}]",
+            way_out,
         )
 
     def _require_lean(self, poses: tuple[GroupPose, GroupPose], up: Array, tilt: float) -> None:
@@ -381,23 +394,25 @@ class _Body:
             there = pose.rotation @ up
             angle = float(np.arctan2(np.hypot(*there[:2]), there[2]))
             if angle > tilt - EDGE:
+                wider = _wider(angle)
+                way_out = f"write {wider}" if wider else "leave the constraint out"
                 raise self._error(
                     f"the payload leans by {degrees(angle):.3g} deg from upright at the {end} (tolerance "
                     f"{degrees(tilt):g} deg, of which an end needs {degrees(EDGE):g} to spare)",
                     self._key("upright"),
-                    f"write tolerance_deg: {np.ceil(degrees(angle + EDGE)):g}, or another orientation at the {end}",
+                    f"{way_out}, or write another orientation at the {end}",
                 )
 
     def _require_held(self, end: str, held: Array, hands: Array) -> None:
         off = np.linalg.norm(held - hands, axis=1)
         worst = first_largest(off)
         if off[worst] > POSED:
-            i, there = self.members[worst], held[worst, : self.n_dims].round(10) + 0.0
+            i, there = self.members[worst], coordinates(held[worst, : self.n_dims], 10)
             raise self._error(
                 f"the payload's pose at the {end} places the grasp of '{self.names[i]}' {off[worst]:.3g} m from "
                 "where this end effector is",
                 f"load.{end}",
-                f"write manipulators[{i}].{end}: {there.tolist()}, or correct the pose",
+                f"write manipulators[{i}].{end}: [{there}], or correct the pose",
             )
 
     def held(self) -> tuple[Array, Array]:
@@ -522,10 +537,33 @@ class _Body:
                     f"the body that {who} hold is tilted by {degrees(tilt):.3g} deg at the {end}, and it may {how} "
                     f"({'as grasp implies; ' if unsaid else ''}tolerance {degrees(allowed):.3g} deg)",
                     f"manipulators.{end}",
-                    "keep the tilt of the start, or "
-                    + ("give {type: upright, tolerance_deg: ..}" if unsaid else "widen the tolerance"),
+                    self._way_to_tilt(tilt),
                 )
         return replace(kept, start=poses[0], goal=poses[1])
+
+    def _way_to_tilt(self, tilt: float) -> str:
+        """Return what to write for a body that is tilted by an angle [rad] at an end, in words."""
+        wider, kept = _wider(tilt), "keep the tilt of the start"
+        if any(c.type == "upright" for c in self.file.constraints):
+            wider = f"write {wider} in" if wider else "leave out"
+            return f"{kept}, or {wider} {self._key('upright')}"
+        if self.file.grasp is not None:
+            return f"{kept}, or add {{type: upright, {wider}}}" if wider else kept
+        return f"{kept}, or widen the tolerance"
+
+
+def _turn_left_out(constraint: Constraint, turned: Array) -> bool:
+    """Return whether a constraint does not let a payload turn by a quaternion from the start."""
+    turn = constraint.turn if isinstance(constraint, PlaneConstraint) else constraint
+    axis = turn.world if isinstance(turn, DirectionConstraint) else np.zeros(3)
+    sine = np.linalg.norm(turned[1:] - (turned[1:] @ axis) * axis)
+    return 2.0 * asin(min(1.0, float(sine))) > turn.allowed + TILT_ROUNDING
+
+
+def _wider(tilt: float) -> str | None:
+    """Return the tolerance with which a payload may be tilted by an angle [rad]; None where none is so large."""
+    wide = float(np.ceil(degrees(tilt + EDGE)))
+    return f"tolerance_deg: {wide:g}" if wide <= MAX_TOLERANCE else None
 
 
 def _keyed(told: tuple[str, str], key: str) -> tuple[str, str, str]:

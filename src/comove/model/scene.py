@@ -44,7 +44,16 @@ from comove.model.files.keys import (
 )
 from comove.model.files.reading import parsed, read_scene_file
 from comove.model.files.words import VERSION_1, Words
-from comove.model.grasp import Grasp, alternatives, angle_to, chosen, far_grasps, grasp_of, turned_goal
+from comove.model.grasp import (
+    Grasp,
+    alternatives,
+    angle_to,
+    chosen,
+    far_grasps,
+    grasp_of,
+    told_far,
+    turned_goal,
+)
 from comove.model.groups import GroupPose, RigidGroup, connected
 from comove.model.moving import FASTEST, Displacements, ObstacleMotion, rotations, seen_from
 from comove.model.resting import TOLERANCE, Rest, provable, recessions, rests_of
@@ -72,6 +81,7 @@ TURNS = tuple(
 )
 """Turns of a free goal among which one has to be clear, the smallest first [rad]."""
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
+HUGE = 20.0  # size of what moves in workspaces, from which on it is probably written in millimetres
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
 
@@ -189,7 +199,13 @@ class Scene:
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
                 way_out = f"move the {end}, or widen the workspace; what lies there, such as a table, is an obstacle"
                 way_out += f"; workspace: {self._wide_enough()} holds both ends"
-                if obstacle >= 0:
+                size = float(np.ptp(self.nodes_at(end), axis=0).max())
+                if size > HUGE * float((self.upper - self.lower).max()):
+                    way_out = (
+                        f"lengths are in metres, and what moves is {size:.4g} m wide, which looks like millimetres: "
+                        f"write its sizes and {'the hands' if self.words.version == 1 else 'its grasps'} in metres"
+                    )
+                elif obstacle >= 0:
                     way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
                     entry = self.words.key(f"obstacles[{obstacle}]")
@@ -293,9 +309,20 @@ class Scene:
         return tuple(self.held_as(part) for part in parts)
 
     @cached_property
+    def n_far(self) -> Integers:
+        """Return the number of grasps that hold nothing in each choice of the file, or as given; shape (n_ways,)."""
+        return np.asarray((far_grasps(self.file, self.groups, self.body) > 0.0).sum(axis=1), dtype=np.int64)
+
+    @property
+    def choices(self) -> tuple[GraspOption, ...]:
+        """Return the choices of the file, those first by which more grasps hold the payload."""
+        given = self.file.choices or ()
+        return tuple(given[k] for k in np.argsort(self.n_far[: len(given)], kind="stable"))
+
+    @cached_property
     def _chosen(self) -> tuple[Scene, ...]:
         scenes, first = list[Scene](), None
-        for choice in self.file.choices or ():
+        for choice in self.choices:
             try:
                 scenes.append(self.put_down(choice))
             except SceneError as error:
@@ -359,7 +386,7 @@ class Scene:
             return self
         first: SceneError | None = None
         for turn in TURNS:
-            for choice in self.file.choices:
+            for choice in self.choices:
                 if turn == 0.0 or choice.free is not None:
                     try:
                         return self.put_down(choice, turn).require_free_ends()
@@ -823,7 +850,7 @@ def _displacements_along(scene: Scene, n_steps: int) -> Displacements:
 def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
     """Build a scene, and name keys in errors as the file does."""
     try:
-        return replace(_build(file, folder, path, words), words=words)
+        return _build(file, folder, path, words)
     except SceneError as error:
         if error.key is not None:
             error.key = words.key(error.key)
@@ -860,16 +887,27 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         surfaces=surfaces_of(placed(meshes, owners)),
         excess=_excess(file, held),
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
+        words=words,
     )
     _require_slow_tips(scene)
     for end, before, after in zip(ENDS, given, scene.ends, strict=True):
         _say_shift(end, before, after, scene.manipulators)
     _require_heading(scene, path)
-    if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
-        place = f"{path}: " if path is not None else ""
-        warnings.warn(f"{place}{words.key('load')}: {said}", ComoveWarning, stacklevel=3)
+    _warn_of_far_grasps(scene)
     _require_kept_ends(scene, path)
     return scene
+
+
+def _warn_of_far_grasps(scene: Scene) -> None:
+    """Warn of every grasp that holds nothing."""
+    file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
+    far = far_grasps(file, scene.groups, scene.body)
+    for name, way in np.argwhere(far.T > 0.0).tolist():
+        who = file.holders[name]
+        at = file.choices[way].grasps[who] if file.choices else None
+        told.setdefault(f"{scene.words.grasp(who, at)}: {told_far(who, far[way, name], file)}", who)
+    for message in told:
+        warnings.warn(f"{place}{message}", ComoveWarning, stacklevel=4)
 
 
 def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> dict[int | str, float]:

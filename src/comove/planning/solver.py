@@ -356,7 +356,7 @@ def _by_some_choice(problem: Problem) -> Procedure:
     Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
     """
     free, scene = list[Scene](), problem.scene
-    for option in scene.file.choices or ():
+    for option in scene.choices:
         for turn in [0.0] if option.free is None else FreeGoal(scene, option).turns():
             with suppress(SceneError):
                 free.append(scene.put_down(option, turn).require_free_ends())

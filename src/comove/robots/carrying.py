@@ -36,6 +36,7 @@ from comove.robots.ends import (
     of_robot,
     unfit,
 )
+from comove.robots.hands import collision_of_hands
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
@@ -125,16 +126,22 @@ class RobotCarrier(LimitedKinematics):
     settings: CarrierSettings = CarrierSettings()
 
     def __post_init__(self) -> None:
-        scene = self.scene
+        scene, old = self.scene, self.scene.words.version == 1
         if scene.n_dims != 3:
             raise unfit(
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
         if scene.file.load is None:
-            raise unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
+            told = "add load: {shape: bar, length: 0.5}" if old else "add payload and grasps"
+            raise unfit(scene, "load", "there is nothing to carry", told)
         if scene.grasp is None:
-            way_out = "say it: grasp: {orientation: down, yaw: load}"
-            raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
+            way_out = "add approach and closing to every grasp, such as [0, 0, -1] and [0, 1, 0]"
+            told = "say it: grasp: {orientation: down, yaw: load}" if old else way_out
+            raise unfit(scene, "grasp", f"a robot cannot know how to hold the {scene.words.load}", told)
+        nodes, required = scene.nodes_at("start"), min(scene.clearance, ROBOT_CLEARANCE)
+        rotations, points = scene.grasp.hand_rotations(nodes), nodes[: len(self.holders)]
+        if met := collision_of_hands(self.robot, self.holders, rotations, points, required):
+            raise unfit(scene, "load.grasps", *met)
         for reason in overburdened(scene, self.holders):
             raise unfit(scene, "load.mass", *reason.rsplit("; ", 1))
 

@@ -63,16 +63,21 @@ class Reach:
     scene: Scene
 
     def ranked(self) -> list[tuple[GraspOption, float]]:
-        """Return the choices that all arms reach with the turns of their goals, the best first."""
-        found = list[tuple[float, int, GraspOption, float]]()
+        """Return the choices that all arms reach with the turns of their goals, the best first.
+
+        Those by which more grasps hold the payload precede all others.
+        """
+        found, n_far = list[tuple[int, float, int, GraspOption, float]](), self.scene.n_far.tolist()
         for k, choice in enumerate(self.scene.file.choices or ()):
             turns = [0.0]
             if choice.free is not None and np.isfinite(self._away(choice, choice.goal, False)):
                 goal = FreeGoal(self.scene, choice)
                 turns = [0.0, *goal.turns(partial(self.value, choice), SETTINGS.turns)]
             values = ((self.value(choice, turn), turn) for turn in dict.fromkeys(turns))
-            found += [(round(value, 6), k, choice, turn) for value, turn in values if np.isfinite(value)]
-        return [(choice, turn) for *_, choice, turn in sorted(found, key=lambda one: one[:2])]
+            found += [
+                (n_far[k], round(value, 6), k, choice, turn) for value, turn in values if np.isfinite(value)
+            ]
+        return [(choice, turn) for *_, choice, turn in sorted(found, key=lambda one: one[:3])]
 
     def nearest(self) -> GraspOption:
         """Return the choice of which least is missing, where arms reach none."""

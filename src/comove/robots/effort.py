@@ -26,6 +26,7 @@ import pinocchio as pin
 from scipy.interpolate import PPoly
 
 from comove.arrays import ROUNDING, Array, Integers
+from comove.model.files.keys import DEFAULT_MASS
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
@@ -41,8 +42,8 @@ from comove.robots.verification.kinematics import Inertias, inverse_dynamics
 
 
 def load_mass(scene: Scene) -> float:
-    """Return the mass of a scene's load, 0.25 kg where the scene does not say."""
-    return 0.25 if scene.load_mass is None else scene.load_mass
+    """Return the mass of a scene's load, `DEFAULT_MASS` where the scene does not say [kg]."""
+    return DEFAULT_MASS if scene.load_mass is None else scene.load_mass
 
 
 def carried_masses(scene: Scene) -> Array:
@@ -54,28 +55,33 @@ def carried_masses(scene: Scene) -> Array:
 
 
 def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
-    """Return what every hand carries of what its arm is rated for, its own mass included; array, shape (n_hands,).
+    """Return what every hand carries of what its arm is rated for, its own mass included; array, shape (n_hands,)."""
+    return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
+
+
+def _counted_masses(scene: Scene) -> Array:
+    """Return the mass that counts as every hand's share; array, shape (n_hands,) [kg].
 
     A share that is less than an equal one counts as that: a load that leans or lags is not held in balance.
     """
     share = np.abs(_shares(scene))
     least = 1.0 / max(len(scene.file.holder_numbers), 1)
-    mass = load_mass(scene) * np.where(share > 0.0, np.maximum(share, least), 0.0)
-    return (mass + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
+    return load_mass(scene) * np.where(share > 0.0, np.maximum(share, least), 0.0)
 
 
 def overburdened(scene: Scene, arms: tuple[Arm, ...]) -> Iterator[str]:
-    """Yield why arms cannot hold a scene's load for its mass, in words."""
-    carried = load_mass(scene)
-    for arm, ratio in zip(arms, payloads(scene, arms), strict=True):
+    """Yield why arms cannot hold a scene's load for its mass, in words; the mass that is advised suits all arms."""
+    carried, masses, ratios = load_mass(scene), _counted_masses(scene).tolist(), payloads(scene, arms)
+    own = [(arm.payload - arm.hand) / mass for arm, mass in zip(arms, masses, strict=True) if mass > 0.0]
+    most = carried * min((ratio for ratio in own if ratio > 0.0), default=np.inf)
+    for arm, ratio, mass in zip(arms, ratios, masses, strict=True):
         if ratio > 1.0 + ROUNDING:
-            own = f" and its hand {arm.hand:.3g} kg" if arm.hand else ""
-            share = ratio * arm.payload - arm.hand
+            hand = f" and its hand {arm.hand:.3g} kg" if arm.hand else ""
             yield (
                 f"the arm '{arm.name}' is rated for {arm.payload:g} kg, and of the load of {carried:g} kg it holds "
-                f"{share:.3g} kg{own}; "
+                f"{mass:.3g} kg{hand}; "
                 + (
-                    f"let the load weigh {_rounded_down(carried * (arm.payload - arm.hand) / share)} kg at most"
+                    f"let the load weigh {_rounded_down(most)} kg at most"
                     if arm.hand < arm.payload
                     else "correct `payload` in the robot's description, or the masses of its hand"
                 )

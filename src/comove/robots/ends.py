@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comove.arrays import Array, Integers
+from comove.arrays import Array, Integers, coordinates
 from comove.compiled import kernel
 from comove.contacts.displaced import RESTING
 from comove.errors import SceneError
@@ -440,14 +440,13 @@ class EndJoints:
         pose = self.robot.tool_pose(q, arm)
         shift = np.linalg.norm(point - pose[:3, 3])
         turn = np.rad2deg(Rotation.from_matrix(rotation @ pose[:3, :3].T).magnitude())
-        x, y, z = point
         way_out = "move it nearer, turn the load or the hands on it, or use another robot"
         if len(arm.columns) < FULL:
             way_out = f"{len(arm.columns)} joints cannot turn a hand every way, but most let it point down: {way_out}"
         return unfit(
             self.scene,
             f"manipulators.{end}",
-            f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
+            f"the arm '{arm.name}' cannot reach its {end} at {coordinates(point)}: "
             f"{shift:.3g} m and {turn:.3g} degrees are missing",
             way_out,
         )

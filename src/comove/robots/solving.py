@@ -12,6 +12,7 @@ from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError, SceneError
 from comove.methods import METHODS, OF_ROBOTS
+from comove.model.files.reading import warn_of_no_mass
 from comove.model.scene import Scene
 from comove.planning.arguments import movements_of
 from comove.planning.clock import Budget, now
@@ -109,7 +110,28 @@ def check_robot(scene: Scene, robot: Robot, method: Method | None, planner: bool
         raise OptionError(
             f"obstacles are constraints of the robot '{robot.name}'", key="obstacles", way_out=way_out
         )
-    RobotCarrier(robot, scene.alternatives[0])
+    require_carried(robot, scene)
+    if scene.file.robot is None:  # else its file was warned of
+        warn_of_no_mass(scene.file, scene.path, scene.words)
+
+
+def require_carried(robot: Robot, scene: Scene) -> None:
+    """Refuse a scene that a robot cannot carry, whichever of its grasps is taken.
+
+    Raises
+    ------
+    SceneError, RobotError
+        If the robot has no such arms, or the scene nothing that arms carry; of the likeliest grasps.
+    """
+    first: SceneError | RobotError | None = None
+    for choice in scene.alternatives:
+        try:
+            RobotCarrier(robot, choice)
+        except (SceneError, RobotError) as error:
+            first = first or error
+        else:
+            return
+    raise first or RobotError("nothing is left open", key="grasps")
 
 
 def solved_by_robot(
@@ -347,10 +369,9 @@ def _clear_ways(
 ) -> Iterator[tuple[Scene, RobotCarrier]]:
     """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
 
-    With each comes what carries it, in some duration.
-
-    Where a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how
-    far joints turn.
+    With each comes what carries it, in some duration. Those come first by which more grasps hold the payload. Where
+    a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how far
+    joints turn.
 
     Parameters
     ----------
@@ -380,7 +401,7 @@ def _clear_ways(
 
     untried = iter(enumerate(ways))
     while True:
-        tried = list[tuple[float, int, Scene, RobotCarrier]]()
+        tried = list[tuple[int, float, int, Scene, RobotCarrier]]()
         for k, way in untried:
             try:
                 choice = way()
@@ -388,14 +409,14 @@ def _clear_ways(
                 carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
                 carrier.require_reach()
                 if later or is_clear(k, carrier):
-                    tried.append((round(carrier.turning, 6), k, choice, carrier))
+                    tried.append((int(choice.n_far[0]), round(carrier.turning, 6), k, choice, carrier))
             except (SceneError, RobotError) as error:
                 errors[k] = error
             if choices and len(tried) == RANKING.exact:
                 break
         if not tried:
             break
-        for _, k, choice, carrier in sorted(tried, key=lambda one: one[:2]):
+        for *_, k, choice, carrier in sorted(tried, key=lambda one: one[:3]):
             if not later or is_clear(k, carrier):
                 n_found += 1
                 yield choice, carrier

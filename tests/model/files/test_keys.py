@@ -685,7 +685,7 @@ def test_a_workspace_in_millimetres_is_warned_of(scene_path):
 def test_ordinary_scenes_give_no_warning(scene_path):
     scene_path.write_text(EXAMPLE)
     load_scene_file(scene_path)
-    parse_scene(SPATIAL)
+    parse_scene(SPATIAL | {"load": SPATIAL["load"] | {"mass": 0.5}})
 
 
 # --- The canonical form ---

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from comove.arrays import coordinates
 from comove.io.keys import Direction, Length, PositiveLength, Sparse, Wrong, no_minus_zero
 from comove.model.constraints.constraint import (
     ROUNDING,
@@ -362,9 +363,8 @@ class DirectionConstraint(PoseConstraint):
     def reason(self, error: float, names: Sequence[str]) -> str:
         """Return in words how far the payload leans."""
         off = f"by up to {degrees(error):.3g} deg" if np.isfinite(error) else "by more than can be bounded"
-        return (
-            f"the payload leans {off} from {_listed(self.world)} (tolerance {degrees(self.tolerance):g} deg)"
-        )
+        axis = coordinates(self.world, 4)
+        return f"the payload leans {off} from [{axis}] (tolerance {degrees(self.tolerance):g} deg)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,11 +420,9 @@ class PlaneConstraint(PoseConstraint):
         return f"the payload leaves its plane by up to {error:.3g} m (tolerance {self.tolerance:g} m)"
 
 
-def _listed(vector: Array) -> str:
-    return f"[{', '.join(f'{x:.4g}' for x in (vector + 0.0).tolist())}]"
-
-
-Degrees = Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)]
+MAX_TOLERANCE = 45.0
+"""Largest tolerance of an angle [deg]."""
+Degrees = Annotated[float, Field(ge=0, le=MAX_TOLERANCE), AfterValidator(no_minus_zero)]
 
 
 class UprightKeys(ConstraintKeys, Sparse):

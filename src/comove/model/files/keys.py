@@ -65,6 +65,8 @@ MAX_MANIPULATORS = 100
 """Hands of one scene; distances grow with the square of their number."""
 ROUNDING = 1e-12
 """[m], by which lengths of one file that must agree may differ."""
+DEFAULT_MASS = 0.25
+"""[kg], of a payload whose file does not say, on robots and in simulations."""
 ROBOT_CLEARANCE = 0.005
 """[m], kept on robots where the file does not say."""
 

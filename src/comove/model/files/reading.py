@@ -27,8 +27,8 @@ from comove.io.keys import (
 )
 from comove.io.yaml_reader import MAX_NAMES, Lines, near_files, read_yaml
 from comove.model.constraints.kinds import DistanceKeys, UprightKeys, distance_tolerance
-from comove.model.files.keys import CONTRACT, ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
-from comove.model.files.words import Words
+from comove.model.files.keys import CONTRACT, DEFAULT_MASS, ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
+from comove.model.files.words import VERSION_1, Words
 
 NEW, FORMER = ("payload", "grasps", "end_effectors"), ("load", "manipulators", "grasp")
 """Keys that version 2 alone has, and those of version 1 in their place."""
@@ -49,24 +49,26 @@ _UNFIT = {
 _AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers (x, y, z)"}
 
 
-def cross_checked(scene: SceneFile, folder: Path | None, *, is_stored: bool = False) -> list[Flaw]:
+def cross_checked(
+    scene: SceneFile, folder: Path | None, *, words: Words = VERSION_1, is_stored: bool = False
+) -> list[Flaw]:
     """Return the contradictions in a scene file.
 
     The demonstration of a stored scene is not looked for: its motion is there already.
 
     The later checks need vectors of equal length and known names, so they run only where the first find nothing.
     """
-    flaws = [*_dimension_flaws(scene), *_name_flaws(scene)]
+    flaws = [*_dimension_flaws(scene), *_name_flaws(scene, words)]
     if flaws:
         return flaws
     return [
         *_workspace_flaws(scene),
         *_rotation_flaws(scene),
         *_motion_flaws(scene),
-        *_holder_flaws(scene),
+        *_holder_flaws(scene, words),
         *_pose_flaws(scene),
         *_grasp_flaws(scene),
-        *_constraint_flaws(scene),
+        *_constraint_flaws(scene, words),
         *_objective_flaws(scene),
         *_file_flaws(scene, folder, is_stored),
     ]
@@ -95,7 +97,7 @@ def _dimension_flaws(scene: Any, body: str = "load") -> Iterator[Flaw]:
             yield Flaw((body, "parts", i, "shape"), "in the plane parts are bars", "use a polygon instead")
 
 
-def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
+def _name_flaws(scene: SceneFile, words: Words) -> Iterator[Flaw]:
     repeated = list(_repeated_names("manipulator", scene.names))
     yield from repeated
     yield from _repeated_names("obstacle", [obstacle.name for obstacle in scene.obstacles])
@@ -104,7 +106,7 @@ def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
     for path, name in _named(scene):
         if name not in scene.names:
             known = scene.names[:MAX_NAMES]
-            yield Flaw(path, f"there is no manipulator {show(name)}", near_name(name, known))
+            yield Flaw(path, f"there is no {words.hand} {show(name)}", near_name(name, known))
 
 
 def _repeated_names(what: str, names: Sequence[str | None]) -> Iterator[Flaw]:
@@ -170,7 +172,7 @@ def _motion_flaws(scene: SceneFile) -> Iterator[Flaw]:
             yield Flaw(("obstacles", i, "motion", "turn"), message, "add one, such as axis: [0, 0, 1]")
 
 
-def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:
+def _holder_flaws(scene: SceneFile, words: Words) -> Iterator[Flaw]:
     load, holders = scene.load, scene.holders
     if isinstance(load, BarLoad) and len(holders) != 2:
         message = f"a bar has two holders, and the scene has {counted(holders, 'manipulator')}"
@@ -181,8 +183,11 @@ def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:
         for i, edge in enumerate(load.edges):
             for j, name in enumerate(edge):
                 if name not in allowed:
-                    message = f"{show(name)} does not hold the load"
-                    yield Flaw(("load", "edges", i, j), message, "add it to held_by, or leave the edge out")
+                    message = f"{show(name)} does not hold the {words.load}"
+                    way_out = (
+                        f"add it to {'held_by' if words.version == 1 else 'grasps'}, or leave the edge out"
+                    )
+                    yield Flaw(("load", "edges", i, j), message, way_out)
     grasps = getattr(load, "grasps", None)
     if grasps is not None and set(grasps) != set(holders):
         message = f"grasps are given for {show([*grasps])}, but the load is held by {show(holders)}"
@@ -239,7 +244,7 @@ def _frames_flaws(scene: SceneFile, path: KeyPath, part: GraspPart) -> Iterator[
         yield Flaw((*path, "frames"), message, "give one to each manipulator")
 
 
-def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:
+def _constraint_flaws(scene: SceneFile, words: Words) -> Iterator[Flaw]:
     """Yield repeated constraints, distances that contradict the load, and a constraint "upright" without a load."""
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, constraint in enumerate(scene.constraints):
@@ -252,19 +257,21 @@ def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:
             yield Flaw(("constraints", i), message, "keep one of them")
         seen.setdefault(said, i)
         if isinstance(constraint, UprightKeys) and scene.load is None:
-            message, way_out = "there is no load to keep upright", "add a load, or leave this one out"
-            yield Flaw(("constraints", i), message, way_out)
+            message = f"there is no {words.load} to keep upright"
+            yield Flaw(("constraints", i), message, f"add a {words.load}, or leave this one out")
         if isinstance(constraint, DistanceKeys):
-            yield from _distance_flaws(scene, constraint, ("constraints", i, "distance"))
+            yield from _distance_flaws(scene, constraint, ("constraints", i, "distance"), words)
 
 
-def _distance_flaws(scene: SceneFile, constraint: DistanceKeys, path: KeyPath) -> Iterator[Flaw]:
+def _distance_flaws(
+    scene: SceneFile, constraint: DistanceKeys, path: KeyPath, words: Words
+) -> Iterator[Flaw]:
     """Compare an explicit distance with the distance at which the load keeps the same two hands."""
     load = _load_distance(scene, constraint.between)
     tolerance = distance_tolerance(constraint.tolerance, constraint.distance)
     if load is not None and abs(load - constraint.distance) > tolerance + ROUNDING:
         names = " and ".join(constraint.between)
-        message = f"{constraint.distance} m, but the load keeps {names} {load:.9g} m apart"
+        message = f"{constraint.distance} m, but the {words.load} keeps {names} {load:.9g} m apart"
         yield Flaw(path, message, "make them equal, or leave this one out")
 
 
@@ -350,6 +357,18 @@ def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
             warnings.warn(message, ComoveWarning, stacklevel=3)
 
 
+def warn_of_no_mass(scene: SceneFile, file: str | Path | None, words: Words) -> None:
+    """Warn of a payload that a robot carries, and whose mass is not given."""
+    if scene.load is not None and scene.load.mass is None:
+        place = f"{file}: " if file is not None else ""
+        message = (
+            f"{place}{words.key('load.mass')}: it is not given, and robots take it for {DEFAULT_MASS:g} kg"
+        )
+        warnings.warn(
+            f"{message}; write mass: {DEFAULT_MASS:g}, or what it weighs", ComoveWarning, stacklevel=3
+        )
+
+
 def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
     """Read and check the scene file at `path`, with the values in `changes` in place of the file's.
 
@@ -425,11 +444,13 @@ def parsed(
         except ValidationError as error:
             flaws = explained(error, data, CONTRACT)
         else:
-            found = cross_checked(scene, place, is_stored=is_stored)
+            found = cross_checked(scene, place, words=words, is_stored=is_stored)
             flaws = [flaw._replace(path=words.path(flaw.path)) for flaw in found]
     if flaws:
         raise scene_error(flaws, file, lines or {})
     warn_of_what_is_odd(scene, file)
+    if scene.robot is not None and not is_stored:
+        warn_of_no_mass(scene, file, words)
     return scene, words
 
 

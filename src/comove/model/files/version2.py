@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from comove.arrays import Array
+from comove.arrays import Array, coordinates
 from comove.errors import SceneError
 from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation
 from comove.io.keys import (
@@ -72,6 +72,8 @@ SAME_PLACE = 1e-3
 """Distance of two grasps up to which they collide, whatever the hands [m]."""
 PARALLEL = 1e-3
 """Sine of the least angle between a grasp's approach and the direction in which its fingers close."""
+ASKEW = 0.0175
+"""Cosine of that angle up to which the directions count as rounded: one degree from across."""
 
 
 class WorldPose(Turned):
@@ -196,6 +198,13 @@ class Oriented(Turned):
                     f"the fingers close along {show(self.closing)}, which is the direction of the approach",
                     "give a closing direction across the approach",
                 )
+            across = self.rotation[:, 1]
+            if abs(z @ y) > ASKEW * np.linalg.norm(z) * np.linalg.norm(y):
+                raise Wrong(
+                    f"the fingers close along {show(self.closing)}, which is not across the approach "
+                    f"{show(self.approach)}",
+                    f"write closing: [{coordinates(across, 6)}]",
+                )
         return self
 
     @classmethod
@@ -234,10 +243,12 @@ Candidates = Annotated[
 """The grasp of one arm, several of which the planner chooses, or `auto`: some are proposed."""
 GraspSet = Annotated[dict[Name, Candidates], Tag("one")]
 Grasps = Annotated[
-    GraspSet | Annotated[tuple[dict[Name, Candidates], ...], BeforeValidator(as_tuple), Tag("several")],
+    GraspSet
+    | Annotated[tuple[dict[Name, Candidates], ...], BeforeValidator(as_tuple), Tag("several")]
+    | Annotated[Literal["auto"], Tag("auto")],
     Discriminator(_kind),
 ]
-"""Grasps by the arm; or a list of such sets, of which the planner chooses one."""
+"""Grasps by the arm; or a list of such sets, of which the planner chooses one. `with_arms` replaces `auto`."""
 
 
 def _by_arm(value: Any) -> Any:
@@ -281,8 +292,8 @@ class SceneFile2(SceneKeys):
     @property
     def sets(self) -> tuple[dict[str, Any], ...]:
         """Return the sets of grasps of which one is chosen; none without a payload."""
-        given = self.grasps or ()
-        return (given,) if isinstance(given, dict) else given
+        given = self.grasps
+        return (given,) if isinstance(given, dict) else given if isinstance(given, tuple) else ()
 
     @property
     def holders(self) -> tuple[str, ...]:
@@ -415,7 +426,11 @@ def converted(
         origin += [i] * len(own)
     hands: list[KeyPath] = [("grasps", name) for name in scene.holders]
     hands += [("end_effectors", name) for name in scene.end_effectors]
-    words = Words(2, lines, tuple(hands), tuple(origin))
+    written = (
+        (path[-1] if isinstance(path[-1], str) else path[-2], path, grasp) for path, grasp in _grasps(scene)
+    )
+    grasps = tuple((str(name), grasp.position, path) for name, path, grasp in written)
+    words = Words(2, lines, tuple(hands), tuple(origin), grasps)
     contents: dict[str, Any] = {key: getattr(scene, key) for key in SceneKeys.model_fields}
     contents |= {"obstacles": obstacles, "manipulators": []}
     others = [{"name": name, "start": e.start, "goal": e.goal} for name, e in scene.end_effectors.items()]

@@ -18,12 +18,14 @@ class Words(NamedTuple):
     lines : lines of its keys, by their paths; None where the file has other keys
     hands : paths in the file of the end effectors
     obstacles : numbers in the file of the obstacles
+    grasps : names of arms, points of the payload [m], and paths in the file of the grasps that are written there
     """
 
     version: int = 1
     lines: Mapping[KeyPath, int] | None = None
     hands: tuple[KeyPath, ...] = ()
     obstacles: tuple[int, ...] = ()
+    grasps: tuple[tuple[str, tuple[float, ...], KeyPath], ...] = ()
 
     def path(self, path: KeyPath) -> KeyPath:
         """Return the path in the file of a key of `SceneFile`."""
@@ -58,9 +60,26 @@ class Words(NamedTuple):
         ]
         return ", ".join(dict.fromkeys(place(path, self.lines or {}) or "" for path in paths))
 
+    def grasp(self, name: str, point: tuple[float, ...] | None) -> str:
+        """Return the key of the grasp of an arm at a point of the payload's frame [m]; None where it has but one."""
+        if self.version == 1:
+            return "load"
+        written = (path for who, at, path in self.grasps if who == name and point in (at, None))
+        return place(next(written, ("grasps", name)), self.lines or {}) or ""
+
     def moved(self, end: str) -> str:
         """Return what is moved in the file to move the payload at an end, in words."""
         return f"the {end} of every manipulator" if self.version == 1 else f"payload.{end}.position"
+
+    @property
+    def hand(self) -> str:
+        """Return the name of what moves to a start and a goal, in words."""
+        return "manipulator" if self.version == 1 else "end effector"
+
+    @property
+    def load(self) -> str:
+        """Return the name of the rigid body that is held, in words."""
+        return "load" if self.version == 1 else "payload"
 
     @property
     def bodies(self) -> str:

@@ -1,0 +1,86 @@
+"""Hands that hold one payload: whether two of them collide by their grasps alone, whatever joints hold it.
+
+The links of a hand are rigid with its grasp frame, so where two hands are to each other follows from their grasps.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations, product
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from comove.arrays import Array
+from comove.model.candidates import APART
+from comove.robots.model import Arm, Robot
+from comove.robots.verification.bodies import distance_of, links_of
+
+STEP = 0.005
+"""By which grasps are moved apart to find how far apart their hands must be [m]."""
+FARTHEST = 1.0
+"""Distance of two grasps up to which that is looked for [m]."""
+
+
+class _Hand(NamedTuple):
+    """The links that move rigidly with a grasp frame: numbers, shapes, places in it, and the radius about it [m]."""
+
+    links: tuple[int, ...]
+    shapes: tuple[Any, ...]
+    places: tuple[Any, ...]
+    radius: float
+
+
+@lru_cache(maxsize=32)
+def _hand_of(robot: Robot, name: str) -> _Hand:
+    joint, grasp = robot.grasp_frame(robot.arm(name))
+    links = [k for k, item in enumerate(robot.collision.geometryObjects) if item.parentJoint == joint]
+    items = [robot.collision.geometryObjects[k] for k in links]
+    solids = [links_of(robot).bodies[k].solid for k in links]
+    away = [np.linalg.norm(solid.center - grasp.translation) + solid.radius for solid in solids]
+    places = tuple(grasp.actInv(item.placement) for item in items)
+    return _Hand(tuple(links), tuple(item.geometry for item in items), places, float(max(away, default=0.0)))
+
+
+def collision_of_hands(
+    robot: Robot, arms: tuple[Arm, ...], rotations: Array, points: Array, required: float
+) -> tuple[str, str] | None:
+    """Return which two hands are too near to each other by their grasps, and what would do; None if none are.
+
+    Parameters
+    ----------
+    rotations, points : arrays, shapes (n_arms, 3, 3) and (n_arms, 3), grasp frames at one instant [m]
+    required : distance that links keep from each other [m]
+    """
+    for i, j in combinations(range(len(arms)), 2):
+        first, second = _hand_of(robot, arms[i].name), _hand_of(robot, arms[j].name)
+        gap = float(np.linalg.norm(points[j] - points[i]))
+        if gap > first.radius + second.radius + required:
+            continue
+        frames = [pin.SE3(rotations[k], points[k]) for k in (i, j)]
+        if (near := _near(robot, first, second, frames, required)) is None:
+            continue
+        names, along = f"'{arms[i].name}' and '{arms[j].name}'", pin.SE3.Identity()
+        for needed in np.arange(np.ceil(max(gap, APART) / STEP), FARTHEST / STEP) * STEP:
+            along.translation = (points[j] - points[i]) * (needed / gap - 1.0)
+            if _near(robot, first, second, [frames[0], along * frames[1]], required) is None:
+                break
+        return (
+            f"the grasps of {names} are {gap:.3g} m apart, and there {near} collide whatever joints hold the payload",
+            f"move the grasps of {names} apart: along the line between them, hands need at least {needed:.3g} m",
+        )
+    return None
+
+
+def _near(robot: Robot, first: _Hand, second: _Hand, frames: list[Any], required: float) -> str | None:
+    """Return the names of links of two hands that are too near at poses of their grasp frames; None if none are."""
+    apart = {frozenset(pair) for pair in links_of(robot).pairs.tolist()}
+    for a, b in product(range(len(first.links)), range(len(second.links))):
+        links = first.links[a], second.links[b]
+        if frozenset(links) not in apart:
+            continue
+        placed = [frames[0] * first.places[a], frames[1] * second.places[b]]
+        if distance_of([first.shapes[a], second.shapes[b]], placed) < required:
+            return " and ".join(links_of(robot).bodies[k].name for k in links)
+    return None
