@@ -6,7 +6,7 @@ import pytest
 from comove.dmp.basis import motion_basis
 from comove.model import Scene, load_coordinates
 from comove.planning import LeastJerk
-from comove.planning.convex.costs import N_SAMPLES, Moves, jerk_cost, squares, third_differences
+from comove.planning.convex.costs import N_SAMPLES, Moves, jerk_cost, squares, differences
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
@@ -153,5 +153,5 @@ def test_third_differences_of_a_quintic():
     """y = s^3 (10 - 15 s + 6 s^2) has y''' = 60 - 360 s + 360 s^2, and no acceleration at its ends."""
     s = np.linspace(0.0, 1.0, 401)
     middle = 0.5 * (s[1:] + s[:-1])
-    found = third_differences((s**3 * (10 + s * (6 * s - 15)))[:, None])[:, 0]
+    found = differences((s**3 * (10 + s * (6 * s - 15)))[:, None], 3)[:, 0]
     np.testing.assert_allclose(found, 60 - 360 * middle + 360 * middle**2, atol=0.2)

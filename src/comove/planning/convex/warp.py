@@ -71,5 +71,4 @@ def interpolated(way: Array, rate: Array, t: Array) -> Array:
 def _waves(n: int, n_waves: int) -> Array:
     """Return waves that vanish at both ends of unit duration, at even samples; array, shape (n, n_waves)."""
     waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, n_waves + 1)))
-    waves.setflags(write=False)
     return waves
