@@ -6,7 +6,7 @@ import pytest
 from comove.dmp.basis import motion_basis
 from comove.model import Scene, load_coordinates
 from comove.planning import LeastJerk
-from comove.planning.convex.costs import N_SAMPLES, Moves, jerk_cost, squares, differences
+from comove.planning.convex.costs import N_SAMPLES, Moves, differences, jerk_cost, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings

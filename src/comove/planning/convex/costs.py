@@ -240,7 +240,9 @@ def jerk_cost(
 
 
 # Coefficients of differences of order 0 to 3.
-STENCILS = np.array([[1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
+STENCILS = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]]
+)
 
 
 @kernel
@@ -301,7 +303,12 @@ def _moved(slopes, shape, columns, alike, order, scale):
     array, shape (n_rows, n_rates, n * n_basis)
     array, shape (n_even, n_rows, n * n_basis), their products with `alike`
     """
-    (n_samples, n_rates, _), n_basis, n, n_even = slopes.shape, shape.shape[1], columns.shape[0], alike.shape[1]
+    (n_samples, n_rates, _), n_basis, n, n_even = (
+        slopes.shape,
+        shape.shape[1],
+        columns.shape[0],
+        alike.shape[1],
+    )
     n_rows, scale = n_differences(order, n_samples), scale * (n_samples - 1.0) ** order
     rows, mixed = np.empty((n_rows, n_rates, n * n_basis)), np.zeros((n_even, n_rows, n * n_basis))
     for row in range(n_rows):
