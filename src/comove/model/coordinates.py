@@ -22,7 +22,7 @@ does: one point block per hand, in which only the search keeps the constraints.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -252,6 +252,7 @@ class Coordinates:
         )
 
 
+@lru_cache(maxsize=8)
 def load_coordinates(scene: Scene) -> Coordinates:
     """Return coordinates about the load's centre: the fewest that describe the scene."""
     return _coordinates(scene, "load", [KINDS[g.orientation] for g in scene.groups])

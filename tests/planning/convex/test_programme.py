@@ -74,6 +74,22 @@ def test_around_a_disc_margins_are_kept_and_both_sides_cost_the_same():
     assert values[0] > 1.1
 
 
+def test_what_a_known_motion_beats_is_not_optimised_to_the_end():
+    """A motion that may still become as good is: nothing changes there."""
+    scene = one_hand([{"shape": "circle", "center": [0.5, 0.5], "radius": 0.2}])
+    programme, s = programme_of(scene, 24), np.linspace(0.0, 1.0, 201)[:, None]
+    way = np.concatenate([s**3 * (10 + s * (6 * s - 15)), 0.5 + 0.4 * np.sin(np.pi * s) ** 2], axis=1)
+    cost, z = squares(scene, LeastJerk(), None), programme.fit(way, 1e-8)
+    best, beaten = (
+        optimise(programme, cost, z, ConvexSettings(), way, known=known) for known in (np.inf, 0.0)
+    )
+    equal = optimise(programme, cost, z, ConvexSettings(), way, known=best.value)
+    np.testing.assert_array_equal(equal.z, best.z)
+    assert beaten.iterations < best.iterations
+    assert beaten.missed == 0.0
+    assert verify(programme.motion(beaten.z)).verified is not None
+
+
 def test_a_wish_for_room_is_met_where_it_costs_little():
     scene = one_hand([{"shape": "circle", "center": [0.5, 0.42], "radius": 0.1}])
     programme, clearances, jerks = programme_of(scene, 24), [], []

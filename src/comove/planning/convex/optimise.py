@@ -50,8 +50,9 @@ def optimise(
     settings: ConvexSettings,
     reference: Array | None = None,
     over: Callable[[], bool] = lambda: False,
+    known: float = np.inf,
 ) -> ConvexOutcome:
-    """Optimise shape weights until steps bring no gain.
+    """Optimise shape weights until steps bring no gain, or another motion is certain to be better.
 
     Parameters
     ----------
@@ -59,6 +60,7 @@ def optimise(
     reference : array, shape (n_fine, n_columns), movement without contact about which the first clearances are
         linearised; that of `z` unless given
     over : function that is called before every step and returns whether to end
+    known : value of another motion
     """
     radius, mu = settings.radius, settings.slack_cost
     here = stand(programme, cost, z, settings, radius, reference)
@@ -94,10 +96,11 @@ def optimise(
             here = stand(programme, cost, z, settings, radius)
         worth = here.value * (1 + settings.worth * here.wish)
         gained = here.missed < SOUND and worth < outcome.value * (1 - settings.gain)
+        beaten = gained and worth - settings.outlook * (outcome.value - worth) > settings.behind * known
         if here.missed < SOUND and worth < outcome.value:
             outcome.z, outcome.value, outcome.missed = here.z, worth, 0.0
         stall = 0.0 if gained else stall + (1.0 if taken and here.missed < SOUND else 0.2)
-        if stall >= settings.patience or radius < settings.least:
+        if stall >= settings.patience or radius < settings.least or beaten:
             break
         if trial.slack > 1e-6 and (here.seen.depth > programme.need(settings)).any():
             mu = min(5 * mu, settings.most_slack_cost)

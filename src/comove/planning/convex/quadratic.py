@@ -44,7 +44,7 @@ class QuadraticSettings:
 
     nearly: float = 5e-3
     active: float = 0.7
-    few: int = 40
+    few: int = 80
     rounds: int = 30
     excess: float = 1e-3
     curved: float = 1e-2
@@ -223,10 +223,11 @@ class Programme:
         block[:, : self._n] = rows @ self.whiten.T
         if len(variable):
             block[np.arange(len(rows)), variable] = by
-        self._matrix, self._number = np.concatenate([self._matrix, block]), np.append(self._number, number)
-        self._below = np.append(self._below, below)
-        self._above = np.append(self._above, np.broadcast_to(above, len(rows)))
-        self._known = np.append(self._known, np.zeros(len(rows)))
+        self._matrix = np.concatenate([self._matrix, block])
+        self._number = np.concatenate([self._number, number])
+        self._below = np.concatenate([self._below, below])
+        self._above = np.concatenate([self._above, np.broadcast_to(above, len(rows))])
+        self._known = np.concatenate([self._known, np.zeros(len(rows))])
 
     def _keep(self, kept: NDArray[np.bool_]) -> None:
         """Leave out all other rows."""
@@ -235,7 +236,7 @@ class Programme:
         n = len(self._linear)
         self._matrix, self._number = self._matrix[kept], self._number[kept]
         self._below, self._above = self._below[kept], self._above[kept]
-        self._known = np.append(self._known[:n], self._known[n:][kept])
+        self._known = np.concatenate([self._known[:n], self._known[n:][kept]])
 
     def _violated(
         self, rows: Array, least: Array, missed_by: Integers
@@ -261,18 +262,17 @@ class Programme:
 
     def _solved(self) -> tuple[Array, Array] | None:
         """Return solution and multipliers, None if there is no solution."""
-        above = np.append(np.full(len(self._linear), FREE), self._above)
-        below, kind = np.append(self._lowest, self._below), np.zeros(len(above), dtype=np.int32)
-        for guess in (
-            (self._known, None) if self._known.any() else (None,)
-        ):  # from a guess the solver may cycle
+        above = np.concatenate([np.full(len(self._linear), FREE), self._above])
+        below, kinds = np.concatenate([self._lowest, self._below]), np.zeros(len(above), dtype=np.int32)
+        guesses = (self._known, None) if self._known.any() else (None,)  # from a guess the solver may cycle
+        for guess in guesses:
             x, _, flag, told = daqp.solve(
                 self._square,
                 self._linear,
                 self._matrix,
                 above,
                 below,
-                kind,
+                kinds,
                 dual_start=guess,
                 primal_tol=1e-7,
                 **PATIENCE,
