@@ -78,15 +78,25 @@ class Limits:
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
         """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""
         for order, share, value in self._finite():
-            rate = differences(hands, order)
-            size = np.linalg.norm(rate.reshape(len(rate), -1, self.n_dims), axis=2)
-            yield order, size / (share * value)
+            yield order, _sizes(differences(hands, order), self.n_dims) / (share * value)
 
     def _finite(self) -> Iterator[tuple[int, float, float]]:
         """Yield order, share that is kept to, and value of every finite limit."""
         for order, (share, value) in enumerate(zip(self.shares, self.values, strict=True), start=1):
             if value < np.inf:
                 yield order, share, value
+
+
+@kernel
+def _sizes(rates, n_dims):
+    """Return the norms of the rates of hands, array of shape (n, n_hands * n_dims); array, shape (n, n_hands)."""
+    sizes = np.zeros((rates.shape[0], rates.shape[1] // n_dims))
+    for row in range(sizes.shape[0]):
+        for hand in range(sizes.shape[1]):
+            for d in range(hand * n_dims, (hand + 1) * n_dims):
+                sizes[row, hand] += rates[row, d] ** 2
+            sizes[row, hand] = sqrt(sizes[row, hand])
+    return sizes
 
 
 class LinearLimits(NamedTuple):

@@ -202,16 +202,16 @@ class Programme:
         new, before = np.flatnonzero(is_new), len(self._linear)
         if not len(new):
             return
-        none, now = np.zeros(len(new)), before + len(new)
+        none, now, matrix = np.zeros(len(new)), before + len(new), self._matrix
         square = np.zeros((now, now))
         square[:before, :before] = self._square
         square.flat[before * (now + 1) :: now + 1] = max(self.prices.wish * UNIT**2, 1e-6)
-        self._square, self._wishes = square, np.append(self._wishes, new)
-        self._linear, self._lowest = np.append(self._linear, none), np.append(self._lowest, none)
-        self._matrix = np.pad(self._matrix, ((0, 0), (0, len(new))))
-        self._known = np.insert(self._known, [before] * len(new), 0.0)
+        self._square, self._wishes = square, np.concatenate([self._wishes, new])
+        self._linear, self._lowest = (np.concatenate([one, none]) for one in (self._linear, self._lowest))
+        self._matrix = np.concatenate([matrix, np.zeros((len(matrix), len(new)))], axis=1)
+        self._known = np.concatenate([self._known[:before], none, self._known[before:]])
         if len(self._solution):
-            self._solution = np.append(self._solution, none)
+            self._solution = np.concatenate([self._solution, none])
 
     def _add(
         self, number: Integers, rows: Array, below: Array, above: Array | float, variable: Integers, by: float
@@ -284,5 +284,5 @@ class Programme:
 
 def _worst(broken: Array, few: int) -> Integers:
     """Return the indices of violated rows; of the worst `few` if there are more."""
-    at = np.flatnonzero(broken > BROKEN)
+    at = (broken > BROKEN).nonzero()[0]
     return at if len(at) <= few else np.sort(at[np.argsort(-broken[at], kind="stable")[:few]])
