@@ -96,10 +96,11 @@ def optimise(
             here = stand(programme, cost, z, settings, need, radius)
         worth = here.value * (1 + settings.worth * here.wish)
         gained = here.missed < SOUND and worth < outcome.value * (1 - settings.gain)
-        beaten = gained and worth - settings.outlook * (outcome.value - worth) > settings.behind * known
+        likely = here.value - settings.outlook * (outcome.value - worth)
         if here.missed < SOUND and worth < outcome.value:
             outcome.z, outcome.value, outcome.missed = here.z, worth, 0.0
         stall = 0.0 if gained else stall + (1.0 if taken and here.missed < SOUND else 0.2)
+        beaten = gained and likely > settings.behind * known
         if stall >= settings.patience or radius < settings.least or beaten:
             break
         if trial.slack > 1e-6 and (here.seen.depth > need).any():
