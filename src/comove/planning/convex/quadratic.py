@@ -4,7 +4,7 @@ Of hundreds of linearised clearances some ten are active at the solution. So a p
 nearly active, and rows that its solution violates are added until there are none. This gives the same solution
 several times faster. Limits of speed, acceleration and jerk are half-spaces that touch balls, anew where the solution
 violates them; those that do not count any more are left out again. Where clearances are added to a programme that was
-solved, it begins with the rows that were active and those that its solution violates.
+solved, it begins with the rows and the multipliers of the solution.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class QuadraticSettings:
 
     nearly: float = 5e-3
     active: float = 0.7
-    few: int = 80
+    few: int = 40
     rounds: int = 30
     excess: float = 1e-3
     curved: float = 1e-2
@@ -167,15 +167,16 @@ class Programme:
         wish_of = np.zeros(owner.max(initial=0) + 1, dtype=np.int64)
         wish_of[self._wishes] = n + 2 + np.arange(len(self._wishes))
         missed_by = np.stack([np.full(len(rows), n), wish_of[owner]], axis=1)
+        present = self._number >= 0
+        self._below[present] = least.flat[self._number[present]]
+        is_near, beyond = least.ravel() > -self.settings.nearly, none
         if len(self._solution):
-            self._keep(self._known[len(self._linear) :] != 0.0)
-            present = self._number >= 0
-            self._below[present] = least.flat[self._number[present]]
-            near, beyond, cut, limit = self._violated(rows, least, missed_by)
+            violated, beyond, cut, limit = self._violated(rows, least, missed_by)
+            is_near[violated] = True
         else:
-            near, beyond = np.flatnonzero(least > -self.settings.nearly), none
             cut, limit = self.limits.cuts(np.zeros(n), 0.0, self.settings.active)
-        programmes = 0
+        is_near[self._number[present]] = False
+        near, programmes = is_near.nonzero()[0], 0
         for _ in range(self.settings.rounds):
             programmes += 1
             self._add(near, rows[near // 2], least.flat[near], FREE, missed_by.flat[near], UNIT)
