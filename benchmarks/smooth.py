@@ -30,7 +30,7 @@ from comove import LeastJerk, PaperCost
 from comove.lab.bench.sets import SETS
 from comove.model import CoordinatedMotion
 from comove.planning import Comove, kinematics, search, smooth
-from comove.planning.convex import optimise, programme, quadratic
+from comove.planning.convex import optimise, programme
 from comove.planning.convex.costs import SumOfSquares, jerk_cost
 from comove.planning.seeds import minimum_jerk
 
@@ -87,7 +87,7 @@ def print_parts(drawn: dict[str, list[comove.Scene]]) -> None:
             "Cholesky, inverse": [(np.linalg, "cholesky"), (optimise, "inverse_of_lower")],
             "rest of models": [(optimise, "stand")],
             "DAQP": [(daqp, "solve")],
-            "rows of programmes": [(quadratic.Programme, "__init__"), (quadratic.Programme, "minimum")],
+            "rows of programmes": [(optimise, "minimum")],
             "values": [(programme.ConvexProgramme, "value"), (programme.ConvexProgramme, "missed")],
             "warps": [(optimise, "warped")],
             "rest of steps": [(optimise, "step"), (smooth, "optimise")],

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from comove.planning.convex.costs import Moves
 from comove.planning.convex.limits import Limits
-from comove.planning.convex.quadratic import Prices, Programme, Rows, Trust
+from comove.planning.convex.quadratic import Prices, Rows, Trust, minimum
 from tests.cases import examples
 
 N = 5
@@ -28,9 +28,7 @@ def test_the_solution_is_that_of_all_rows(seed, n_rows):
     moves, radius = rng.normal(size=(8, N)), np.full(8, 0.2)
     clearances = Rows(rows, bound, np.zeros(n_rows, dtype=np.int64), np.full(n_rows, -np.inf))
     prices = Prices(1e6, 0.0, 1.0, 1.0, 0.0)
-    found = Programme(gradient, whiten, Trust(moves, np.zeros(8), radius), NO_LIMITS, prices).minimum(
-        clearances
-    )
+    found = minimum(gradient, whiten, clearances, Trust(moves, np.zeros(8), radius), NO_LIMITS, prices)
     dz = found.w @ whiten
     assert (rows @ dz - bound).min() > -1e-5
     assert (np.abs(moves @ dz) - radius).max() < 1e-5
@@ -57,8 +55,7 @@ def test_what_cannot_be_had_is_missed_by_as_little_as_possible():
     rows = np.array([[1.0, 0, 0, 0, 0], [-1.0, 0, 0, 0, 0]])
     clearances = Rows(rows, np.full(2, 0.01), np.arange(2), np.full(2, -np.inf))
     trust = Trust(np.eye(N), np.zeros(N), np.ones(N))
-    prices = Prices(1e6, 0.0, 1.0, 1.0, 0.0)
-    found = Programme(np.zeros(N), np.eye(N), trust, NO_LIMITS, prices).minimum(clearances)
+    found = minimum(np.zeros(N), np.eye(N), clearances, trust, NO_LIMITS, Prices(1e6, 0.0, 1.0, 1.0, 0.0))
     assert found.slack == pytest.approx(0.01, abs=1e-6)
     assert found.w == pytest.approx(np.zeros(N), abs=1e-5)
 
@@ -74,28 +71,8 @@ def test_a_dear_slack_hides_no_progress(seed):
         np.zeros((3, 2)), Moves(np.zeros((3, 2, n)), np.ones((3, 1)), np.zeros(n, dtype=bool))
     )
     cheap, dear = (
-        Programme(gradient, np.eye(n), trust, limits, Prices(price, 0.0, 1.0, 1.0, 0.0)).minimum(clearances)
+        minimum(gradient, np.eye(n), clearances, trust, limits, Prices(price, 0.0, 1.0, 1.0, 0.0))
         for price in (1e6, 1e9)
     )
     assert dear.slack == pytest.approx(cheap.slack, rel=1e-3)
     assert (rows @ dear.w - bound).min() > -dear.slack - 1e-5
-
-
-@examples(40)
-@given(seed=st.integers(0, 10_000), n_first=st.integers(0, 60), lenient=st.booleans())
-def test_clearances_may_be_added_after_a_solution(seed, n_first, lenient):
-    """With wishes for room too, of owners that had none before, and bounds that changed: as with all at once."""
-    rng, k = np.random.default_rng(seed), 100
-    gradient, whiten = 0.1 * rng.normal(size=N), np.linalg.inv(np.tril(rng.uniform(0.5, 1.5, (N, N))))
-    owner = np.sort(rng.integers(0, 6, k))
-    further = np.where((owner + seed) % 2, 0.02, -np.inf)
-    clearances = Rows(rng.normal(size=(k, N)), 0.02 * rng.normal(size=k), owner, further)
-    parts = gradient, whiten, Trust(rng.normal(size=(8, N)), np.zeros(8), np.full(8, 0.2)), NO_LIMITS
-    prices = Prices(1e3, 1e3, 1.0, 1.0, 0.0)
-    in_turn = Programme(*parts, prices)
-    assert in_turn.minimum(Rows(*(part[:n_first] for part in clearances))) is not None
-    if lenient:
-        clearances = clearances._replace(bound=np.minimum(clearances.bound, 0.0))
-    found, expected = in_turn.minimum(clearances), Programme(*parts, prices).minimum(clearances)
-    assert found.w == pytest.approx(expected.w, abs=1e-5)
-    assert (found.slack, found.short) == pytest.approx((expected.slack, expected.short), abs=1e-5)

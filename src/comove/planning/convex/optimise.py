@@ -18,7 +18,7 @@ from comove.compiled import kernel
 from comove.planning.convex.costs import SumOfSquares
 from comove.planning.convex.limits import LinearLimits
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, Seen
-from comove.planning.convex.quadratic import UNIT, Prices, Programme, Rows, Trust
+from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 from comove.planning.convex.warp import warped
 
 SOUND = 1e-9  # m, by which margins may be missed
@@ -248,10 +248,11 @@ def step(
     worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
     duration = cost.haste if hasty else mu * settings.limit
     prices = Prices(mu, worth / wished, duration, here.pace, settings.hastier if hasty else 0.0)
-    quadratic = Programme(here.gradient, here.whiten, trust, here.limits, prices, settings.quadratic)
     known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
     while True:
-        found = quadratic.minimum(clearances)
+        found = minimum(
+            here.gradient, here.whiten, clearances, trust, here.limits, prices, settings.quadratic
+        )
         if found is None:
             return None
         w, slack, short, slower, solved = found

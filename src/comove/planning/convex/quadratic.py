@@ -3,8 +3,7 @@
 Of hundreds of linearised clearances some ten are active at the solution. So a programme begins with those that are
 nearly active, and rows that its solution violates are added until there are none. This gives the same solution
 several times faster. Limits of speed, acceleration and jerk are half-spaces that touch balls, anew where the solution
-violates them; those that do not count any more are left out again. Where clearances are added to a programme that was
-solved, it begins with the rows and the multipliers of the solution.
+violates them; those that do not count any more are left out again.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.arrays import Array, Integers
 from comove.planning.convex.limits import LinearLimits
@@ -24,7 +22,6 @@ UNIT = 1e-3  # m, unit of the slack in a programme
 # DAQP takes steps without progress for a cycle; beside the price of the slack in its dual objective, progress may be
 # less than what rounding leaves. A programme of 600 variables may need more than 2000 steps, each adding one row.
 PATIENCE = {"cycle_tol": 100, "iter_limit": 20_000}
-CUT = np.iinfo(np.int64).min  # in place of the number of a row
 BROKEN = 1e-6  # m by which rows may be violated that are not part of it; for the trust region, a share of its radius
 
 
@@ -125,165 +122,95 @@ class Minimum(NamedTuple):
     programmes: int
 
 
-class Programme:
-    """The quadratic programme of a step, to which clearances can be added.
+def minimum(
+    gradient: Array,
+    whiten: Array,
+    clearances: Rows,
+    trust: Trust,
+    limits: LinearLimits,
+    prices: Prices,
+    settings: QuadraticSettings = SETTINGS,
+) -> Minimum | None:
+    """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``; None if that fails."""
+    n = len(gradient)
+    rows, bound, owner, further = clearances
+    wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
+    is_wished = np.bincount(owner[wished]) > 0
+    mine = (np.cumsum(is_wished) - 1)[owner[wished]]
+    k, m, more = len(rows), len(wished), int(is_wished.sum())
+    # Variables: the weights, the slack, the amount by which each owner's wish is missed, and the change of the pace.
+    dear = prices.duration * prices.pace
+    square = np.concatenate(
+        [np.ones(n), [1e-3], np.full(more, max(prices.wish * UNIT**2, 1e-6)), [settings.curved * dear or 1.0]]
+    )
+    linear = np.concatenate([gradient, [0.5 * prices.slack * UNIT], np.zeros(more), [0.5 * dear]])
+    least = np.concatenate([bound, bound[wished] + further[wished]])
+    of_row = np.concatenate([np.arange(k), wished])
+    slack_of = np.concatenate([np.full(k, n), n + 1 + mine]).astype(int)
 
-    It minimises ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``.
-    """
-
-    def __init__(
-        self,
-        gradient: Array,
-        whiten: Array,
-        trust: Trust,
-        limits: LinearLimits,
-        prices: Prices,
-        settings: QuadraticSettings = SETTINGS,
-    ):
-        self.whiten, self.trust, self.limits = whiten, trust, limits
-        self.prices, self.settings = prices, settings
-        # Variables: the weights, the slack, the change of the pace, and by how much each owner's wish is missed.
-        self._n, dear = len(gradient), prices.duration * prices.pace
-        self._square = np.diag(np.append(np.ones(self._n), [1e-3, settings.curved * dear or 1.0]))
-        self._linear = np.append(gradient, [0.5 * prices.slack * UNIT, 0.5 * dear])
-        self._lowest = np.append(np.full(self._n, -FREE), [0.0, -prices.faster])
-        self._wishes, self._solution = np.zeros(0, dtype=np.int64), np.zeros(0)
-        # The rows, their bounds and multipliers, and their numbers: 2 i for a clearance, 2 i + 1 for the wish there,
-        # -1 - i for the trust region.
-        self._matrix, self._below, self._above = np.zeros((0, self._n + 2)), np.zeros(0), np.zeros(0)
-        self._known, self._number = np.zeros(self._n + 2), np.zeros(0, dtype=np.int64)
-
-    def minimum(self, clearances: Rows) -> Minimum | None:
-        """Return the solution; None if that fails.
-
-        Parameters
-        ----------
-        clearances : those of the last call, whose bounds may have changed, and any others
-        """
-        n, pace, none = self._n, self.prices.pace, np.zeros(0, dtype=np.int64)
-        rows, bound, owner, further = clearances
-        least = np.stack([bound, bound + further], axis=1)
-        self._wish(owner[further > -np.inf])
-        wish_of = np.zeros(owner.max(initial=0) + 1, dtype=np.int64)
-        wish_of[self._wishes] = n + 2 + np.arange(len(self._wishes))
-        missed_by = np.stack([np.full(len(rows), n), wish_of[owner]], axis=1)
-        present = self._number >= 0
-        self._below[present] = least.flat[self._number[present]]
-        is_near, beyond = least.ravel() > -self.settings.nearly, none
-        if len(self._solution):
-            violated, beyond, cut, limit = self._violated(rows, least, missed_by)
-            is_near[violated] = True
-        else:
-            cut, limit = self.limits.cuts(np.zeros(n), 0.0, self.settings.active)
-        is_near[self._number[present]] = False
-        near, programmes = is_near.nonzero()[0], 0
-        for _ in range(self.settings.rounds):
-            programmes += 1
-            self._add(near, rows[near // 2], least.flat[near], FREE, missed_by.flat[near], UNIT)
-            middle, radius = self.trust.center[beyond], self.trust.radius[beyond]
-            self._add(-1 - beyond, self.trust.moves[beyond], middle - radius, middle + radius, none, 0.0)
-            self._add(np.full(len(cut), CUT), cut, limit, FREE, np.full(len(cut), n + 1), pace)
-            found = self._solved()
-            if found is None:
-                return None
-            self._solution, self._known = found
-            # Cuts that do not count now are made anew, elsewhere, where they do.
-            self._keep((self._number != CUT) | (self._known[len(self._linear) :] != 0.0))
-            near, beyond, cut, limit = self._violated(rows, least, missed_by)
-            if not (len(near) or len(beyond) or len(cut)):
-                break
-        x = self._solution
-        short = float(((x[n + 2 :] * UNIT) ** 2).sum())
-        return Minimum(x[:n], float(x[n]) * UNIT, short, pace * float(x[n + 1]), programmes)
-
-    def _wish(self, owners: Integers) -> None:
-        """Add variables for the wishes of owners that had none."""
-        is_new = np.bincount(owners, minlength=self._wishes.max(initial=-1) + 1) > 0
-        is_new[self._wishes] = False
-        new, before = np.flatnonzero(is_new), len(self._linear)
-        if not len(new):
-            return
-        none, now, matrix = np.zeros(len(new)), before + len(new), self._matrix
-        square = np.zeros((now, now))
-        square[:before, :before] = self._square
-        square.flat[before * (now + 1) :: now + 1] = max(self.prices.wish * UNIT**2, 1e-6)
-        self._square, self._wishes = square, np.concatenate([self._wishes, new])
-        self._linear, self._lowest = (np.concatenate([one, none]) for one in (self._linear, self._lowest))
-        self._matrix = np.concatenate([matrix, np.zeros((len(matrix), len(new)))], axis=1)
-        self._known = np.concatenate([self._known[:before], none, self._known[before:]])
-        if len(self._solution):
-            self._solution = np.concatenate([self._solution, none])
-
-    def _add(
-        self, number: Integers, rows: Array, below: Array, above: Array | float, variable: Integers, by: float
-    ) -> None:
-        """Add rows, each with a variable besides the weights."""
-        if not len(number):
-            return
-        block = np.zeros((len(rows), self._matrix.shape[1]))
-        block[:, : self._n] = rows @ self.whiten.T
-        if len(variable):
-            block[np.arange(len(rows)), variable] = by
-        self._matrix = np.concatenate([self._matrix, block])
-        self._number = np.concatenate([self._number, number])
-        self._below = np.concatenate([self._below, below])
-        self._above = np.concatenate([self._above, np.broadcast_to(above, len(rows))])
-        self._known = np.concatenate([self._known, np.zeros(len(rows))])
-
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
-        """Leave out all other rows."""
-        if kept.all():
-            return
-        n = len(self._linear)
-        self._matrix, self._number = self._matrix[kept], self._number[kept]
-        self._below, self._above = self._below[kept], self._above[kept]
-        self._known = np.concatenate([self._known[:n], self._known[n:][kept]])
-
-    def _violated(
-        self, rows: Array, least: Array, missed_by: Integers
-    ) -> tuple[Integers, Integers, Array, Array]:
-        """Return clearances and parts of the trust region that the solution violates, and cuts that exclude it.
-
-        Parameters
-        ----------
-        least, missed_by : arrays, shape (n, 2), bounds of each clearance and of the wish there, and their variables
-        """
-        n, x = self._n, self._solution
-        dz, slower = x[:n] @ self.whiten, self.prices.pace * float(x[n + 1])
-        broken = (least - (rows @ dz)[:, None] - UNIT * x[missed_by]).ravel()
-        broken[self._number[self._number >= 0]] = -1.0
-        too_far = np.abs(self.trust.moves @ dz - self.trust.center) / self.trust.radius - 1.0
-        too_far[-1 - self._number[(self._number < 0) & (self._number != CUT)]] = -1.0
-        few = self.settings.few
-        return (
-            _worst(broken, few),
-            _worst(too_far, few),
-            *self.limits.cuts(dz, slower, 1.0 + self.settings.excess),
-        )
-
-    def _solved(self) -> tuple[Array, Array] | None:
-        """Return solution and multipliers, None if there is no solution."""
-        above = np.concatenate([np.full(len(self._linear), FREE), self._above])
-        below, kinds = np.concatenate([self._lowest, self._below]), np.zeros(len(above), dtype=np.int32)
-        guesses = (self._known, None) if self._known.any() else (None,)  # from a guess the solver may cycle
-        for guess in guesses:
-            x, _, flag, told = daqp.solve(
-                self._square,
-                self._linear,
-                self._matrix,
-                above,
-                below,
-                kinds,
-                dual_start=guess,
-                primal_tol=1e-7,
-                **PATIENCE,
-            )
-            if flag >= 1:
-                return x, told["lam"]
-        return None
+    matrix = np.zeros((0, len(square)))
+    below = np.concatenate([np.full(n, -FREE), np.zeros(1 + more), [-prices.faster]])
+    above, known = np.full(len(below), FREE), np.zeros(len(below))
+    is_cut = np.zeros(len(below), dtype=bool)
+    absent, free = np.ones(k + m, dtype=bool), np.ones(len(trust.moves), dtype=bool)
+    near, beyond = np.flatnonzero(least > -settings.nearly), np.zeros(0, dtype=int)
+    cut, limit = limits.cuts(np.zeros(n), 0.0, settings.active)
+    programmes = 0
+    for _ in range(settings.rounds):
+        programmes += 1
+        block = np.zeros((len(near) + len(beyond) + len(cut), matrix.shape[1]))
+        block[:, :n] = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
+        block[np.arange(len(near)), slack_of[near]] = UNIT
+        block[len(block) - len(cut) :, -1] = prices.pace
+        middle, radius = trust.center[beyond], trust.radius[beyond]
+        free_above = np.full(len(near), FREE), middle + radius, np.full(len(cut), FREE)
+        matrix = np.concatenate([matrix, block])
+        below = np.concatenate([below, least[near], middle - radius, limit])
+        above = np.concatenate([above, *free_above])
+        known = np.concatenate([known, np.zeros(len(block))])
+        is_cut = np.concatenate([is_cut, np.arange(len(block)) >= len(block) - len(cut)])
+        absent[near], free[beyond] = False, False
+        found = _solved(np.diag(square), linear, matrix, below, above, known)
+        if found is None:
+            return None
+        x, known = found
+        stays = ~is_cut | (known != 0.0)  # cuts that do not count now are made anew, elsewhere, where they do
+        matrix, is_cut = matrix[stays[len(square) :]], is_cut[stays]
+        below, above, known = below[stays], above[stays], known[stays]
+        dz, slower = x[:n] @ whiten, prices.pace * float(x[-1])
+        broken = np.where(absent, least - (rows @ dz)[of_row] - UNIT * x[slack_of], -1.0)
+        near = _worst(broken, settings.few)
+        too_far = np.where(free, np.abs(trust.moves @ dz - trust.center) / trust.radius - 1.0, -1.0)
+        beyond = _worst(too_far, settings.few)
+        cut, limit = limits.cuts(dz, slower, 1.0 + settings.excess)
+        if not (len(near) or len(beyond) or len(cut)):
+            break
+    short = float(((x[n + 1 : n + 1 + more] * UNIT) ** 2).sum())
+    return Minimum(x[:n], float(x[n]) * UNIT, short, slower, programmes)
 
 
 def _worst(broken: Array, few: int) -> Integers:
     """Return the indices of violated rows; of the worst `few` if there are more."""
-    at = (broken > BROKEN).nonzero()[0]
+    at = np.flatnonzero(broken > BROKEN)
     return at if len(at) <= few else np.sort(at[np.argsort(-broken[at], kind="stable")[:few]])
+
+
+def _solved(
+    square: Array, linear: Array, matrix: Array, below: Array, above: Array, known: Array
+) -> tuple[Array, Array] | None:
+    """Solve a programme from `known` multipliers; return solution and multipliers, None if there is no solution."""
+    for guess in (known, None) if known.any() else (None,):  # from a guess the solver may cycle
+        x, _, flag, told = daqp.solve(
+            square,
+            linear,
+            matrix,
+            above,
+            below,
+            np.zeros(len(above), dtype=np.int32),
+            dual_start=guess,
+            primal_tol=1e-7,
+            **PATIENCE,
+        )
+        if flag >= 1:
+            return x, told["lam"]
+    return None
