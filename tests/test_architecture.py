@@ -20,8 +20,17 @@ pytestmark = pytest.mark.skipif(not PLAN.is_file(), reason="docs/architecture.md
 
 def rooms():
     """Names of the rooms in the order of the table, without slash and suffix."""
-    cells = re.findall(r"^\|\s*`([\w./]+)`\s*\|", PLAN.read_text(encoding="utf-8"), re.MULTILINE)
+    text = PLAN.read_text(encoding="utf-8")
+    cells = re.findall(r"^\|\s*`([\w.]+/?)`\s*\|", text[text.index("| package |") :], re.MULTILINE)
     return [cell.rstrip("/").removesuffix(".py") for cell in cells]
+
+
+def registries():
+    """Modules that name places in rooms below their own, and these rooms, by the table of registries."""
+    text = PLAN.read_text(encoding="utf-8")
+    table = text[text.index("| registry |") : text.index("| package |")]
+    rows = re.findall(r"^\| `([\w./]+)` \|[^|]*\|([^|]*)\|$", table, re.MULTILINE)
+    return {module: set(re.findall(r"`(\w+)`", places)) for module, places in rows}
 
 
 def paths():
@@ -93,6 +102,21 @@ def test_imports_go_up(inside, modules):
         assert order.index(other) <= order.index(room), (
             f"{inside} imports from {other}, which lies below {room}"
         )
+
+
+def test_places_below_are_named_by_registries_alone(modules):
+    """A string that is loaded goes round the rule of imports."""
+    order, found = rooms(), {}
+    for inside, room, nodes in modules.values():
+        texts = [
+            node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        ]
+        named = {text.split(".")[1] for text in texts if re.fullmatch(r"comove(\.\w+)+(:\w+)?", text)}
+        if room in order and (
+            below := {one for one in named & set(order) if order.index(one) > order.index(room)}
+        ):
+            found[str(inside)] = below
+    assert found == registries()
 
 
 def test_the_judge_knows_no_maker(modules):

@@ -11,6 +11,7 @@ from comove.errors import ComoveWarning, SceneError
 from comove.geometry import meshes as module
 from comove.geometry.convex_decomposition import left_out
 from comove.geometry.distances import POLYTOPE, point_distance
+from comove.geometry.surfaces import signed_distance
 from comove.model import CoordinatedMotion, Scene
 from comove.verification import verify
 
@@ -153,6 +154,22 @@ def test_an_open_mesh_is_thin_walls_and_says_so(folder):
     assert len(scene.body.solids) == len(decomposition.polytopes)
     inside = np.array([0.025, 0.1, 0.03])
     assert min((p.planes[:, :3] @ inside - p.planes[:, 3]).max() for p in decomposition.polytopes) < 0.025
+
+
+@pytest.mark.parametrize("write", [write_obj, write_stl])
+def test_triangles_without_area_count_where_they_stick_out(folder, write):
+    """A line from a corner is met as what it is; one along an edge leaves a closed box closed, without a word."""
+    vertices, faces = box([0.3, 0.2, 0.1])
+    name = write(folder / f"lines.{write.__name__[-3:]}", vertices, [*faces, [0, 0, 1], [2, 2, 2]]).name
+    build(folder, obstacles=[obstacle(name)])
+    top = int(vertices[:, 2].argmax())
+    line = vertices[top] + [[0.0, 0.0, 0.0], [0.0, 0.0, 0.2]]
+    write(folder / name, [*vertices, line[1]], [*faces, [top, top, len(vertices)], [len(vertices), top, top]])
+    with pytest.warns(ComoveWarning, match="not closed in 1 of its 2 parts"):
+        scene = Scene.from_dict(data(obstacles=[obstacle(name)]), folder=folder)
+    for share in (0.2, 1.0):
+        beside = np.array([[1.5, 1.01, 0.5]]) + (1 - share) * line[0] + share * line[1]
+        assert signed_distance(scene.surfaces, 0, beside, np.inf) == pytest.approx(0.01, abs=1e-6)
 
 
 def test_two_sides_of_a_sheet_stop_what_comes(folder):

@@ -29,7 +29,8 @@ def solids_and_sheets(vertices: Array, faces: Integers) -> Parts:
     vertices, faces, slack = welded(vertices, faces)
     areas = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     unique, both = _by_turns(faces[areas])
-    closed, sheets = [], [] if areas.all() else [faces[~areas]]
+    lines = _apart(faces[~areas], unique)
+    closed, sheets = [], [lines] if len(lines) else []
     for part in _connected(unique, len(vertices)):
         solids, rest = _closed_ones(vertices, unique[part])
         if not solids and both[part].any() and not both[part].all():
@@ -41,6 +42,14 @@ def solids_and_sheets(vertices: Array, faces: Integers) -> Parts:
             sheets += rest
         closed += solids
     return Parts(vertices, tuple(_outwards(vertices, closed)), tuple(sheets), slack)
+
+
+def _apart(lines: Integers, faces: Integers) -> Integers:
+    """Return the degenerate triangles that are neither an edge nor a vertex of other triangles."""
+    pairs = faces[:, [(0, 1), (1, 2), (2, 0), (0, 0), (1, 1), (2, 2)]].reshape(-1, 2)
+    n = 1 + max(int(lines.max(initial=0)), int(faces.max(initial=0)))
+    known = pairs.min(axis=1) * n + pairs.max(axis=1)
+    return lines[~np.isin(lines.min(axis=1) * n + lines.max(axis=1), known)]
 
 
 def _closed_ones(vertices: Array, faces: Integers) -> tuple[list[Integers], list[Integers]]:

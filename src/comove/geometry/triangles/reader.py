@@ -170,7 +170,7 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Integers]:
     Returns
     -------
     vertices : array, shape (n_vertices, 3), in the file's unit; of COLLADA in metres
-    faces : array of int, shape (n_faces, 3), each of three different vertices
+    faces : array of int, shape (n_faces, 3); some may be degenerate
 
     Raises
     ------
@@ -191,8 +191,7 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Integers]:
     if far.any():
         place = ", ".join(f"{x:g}" for x in vertices[far][0])
         raise MeshError(f"its vertex {int(far.argmax())} is at ({place})", way_out="write finite numbers")
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    if not len(faces):
+    if not (faces != np.roll(faces, 1, axis=1)).all(axis=1).any():
         raise MeshError("it holds no triangle with three corners", way_out=ANEW)
     return vertices, faces
 
