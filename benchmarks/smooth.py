@@ -1,6 +1,6 @@
 """Motions of least jerk on scenes drawn afresh: how many are verified, how smooth, and how soon.
 
-    python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71] [--many 20]
+    python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71] [--many 20] [--parts]
 
 Half of the draws are easy, half hard; no scene was looked at before with this seed. Every scene is solved twice by
 ``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with many more ways, from
@@ -8,6 +8,9 @@ other random numbers too, for 20 s each, whose best counts as the best known; wi
 the paper's objective. Columns: verified; first verified motion, the first whose objective is within 1 % of the last
 one's, and whole search, medians and 95 % [ms]; squared jerk over the best known, median and 95 %; largest
 acceleration over that of the same path gone with minimum jerk along its length, median; clearance, median [mm].
+
+With ``--parts``, a table instead of where the time of searches with the default objective goes: medians of processor
+times [ms], and shares of all.
 """
 
 from __future__ import annotations
@@ -16,17 +19,19 @@ import argparse
 import warnings
 from dataclasses import replace
 
+import daqp
 import numpy as np
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
-from timing import Watch, on_one_thread, print_table
+from timing import Parts, Watch, on_one_thread, print_table
 
 import comove
 from comove import LeastJerk, PaperCost
 from comove.lab.bench.sets import SETS
 from comove.model import CoordinatedMotion
-from comove.planning import Comove
-from comove.planning.convex.costs import jerk_cost
+from comove.planning import Comove, kinematics, search, smooth
+from comove.planning.convex import optimise, programme
+from comove.planning.convex.costs import SumOfSquares, jerk_cost
 from comove.planning.seeds import minimum_jerk
 
 WAYS = replace(Comove(), n_ways=40, n_idle=20, n_met=40)
@@ -44,23 +49,65 @@ def main() -> None:
     parser.add_argument(
         "--many", type=float, default=MANY, help="seconds of each search for the best; 0: none"
     )
+    parser.add_argument("--parts", action="store_true", help="where the time goes")
     asked = parser.parse_args()
     on_one_thread()
     warnings.simplefilter("ignore")
+    drawn = {
+        f"{kind} {name}": [
+            comove.Scene.from_dict(SETS[name].draw(2 * i + (kind == "spatial"), asked.seed)[0])
+            for i in range(count // 2)
+        ]
+        for kind, count in (("planar", asked.planar), ("spatial", asked.spatial))
+        for name in ("easy", "hard")
+    }
+    if asked.parts:
+        print_parts(drawn)
+        return
     rows = []
-    for kind, count in (("planar", asked.planar), ("spatial", asked.spatial)):
-        for set_name in ("easy", "hard"):
-            found: dict[str, list[tuple[float, ...]]] = {}
-            for i in range(count // 2):
-                scene = comove.Scene.from_dict(
-                    SETS[set_name].draw(2 * i + (kind == "spatial"), asked.seed)[0]
-                )
-                for name, figures in measured(scene, asked.many).items():
-                    found.setdefault(name, []).append(figures)
-            rows += [row(f"{kind} {set_name}", name, np.array(figures)) for name, figures in found.items()]
-            print_table(HEADER, rows[-len(found) :])
+    for scenes, those in drawn.items():
+        found: dict[str, list[tuple[float, ...]]] = {}
+        for scene in those:
+            for name, figures in measured(scene, asked.many).items():
+                found.setdefault(name, []).append(figures)
+        rows += [row(scenes, name, np.array(figures)) for name, figures in found.items()]
+        print_table(HEADER, rows[-len(found) :])
     print("\nall:")
     print_table(HEADER, rows)
+
+
+def print_parts(drawn: dict[str, list[comove.Scene]]) -> None:
+    """Print where the time of searches goes, by kind of scenes."""
+    parts = Parts(
+        {
+            "plans": [(kinematics, "plan")],
+            "first fits": [(Comove, "_certified_fit")],
+            "contacts": [(programme, "find_contacts"), (programme, "linearised")],
+            "normal equations": [(SumOfSquares, "normal_equations")],
+            "Cholesky, inverse": [(np.linalg, "cholesky"), (optimise, "inverse_of_lower")],
+            "rest of models": [(optimise, "stand")],
+            "DAQP": [(daqp, "solve")],
+            "rows of programmes": [(optimise, "minimum")],
+            "values": [(programme.ConvexProgramme, "value"), (programme.ConvexProgramme, "missed")],
+            "warps": [(optimise, "warped")],
+            "rest of steps": [(optimise, "step"), (smooth, "optimise")],
+            "verification": [(search, "verify")],
+            "rest": [(comove, "solve")],
+        }
+    )
+    columns = []
+    for those in drawn.values():
+        for scene in those[:1]:
+            comove.solve(scene, budget=BUDGET)
+        times = [parts.of(lambda scene=scene: comove.solve(scene, budget=BUDGET)) for scene in those]
+        spent = 1e3 * np.array([list(one.values()) for one in times])
+        spent = np.column_stack([spent, spent.sum(axis=1)])
+        share = 100 * spent.sum(axis=0) / spent[:, -1].sum()
+        columns.append(
+            [f"{ms:.1f} ({part:.0f} %)" for ms, part in zip(np.median(spent, axis=0), share, strict=True)]
+        )
+    rows = zip([*parts.seconds, "all"], *columns, strict=True)
+    print_table(["part", *drawn], rows)
 
 
 HEADER = (

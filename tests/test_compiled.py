@@ -49,6 +49,16 @@ def outer(x, values=None):
     return inner(x, np.ones(3)) if values is None else inner(x, values)
 """
 
+SUM = """
+from comove.compiled import kernel
+
+@kernel
+def add(values, sums):
+    for i in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            sums[i, k] += values[i, k]
+"""
+
 
 @pytest.fixture
 def kernel(tmp_path, monkeypatch):
@@ -300,6 +310,15 @@ def test_functions_of_numba_that_kernels_call_serve_python_as_well(tmp_path):
     code = "from mixed import plain, user\nprint(user(1.5), plain(1.5))"
     for _ in range(2):
         assert said(tmp_path, code) == ["4.0", "3.0"]
+
+
+def test_loops_over_arrays_are_vectorised(calling):
+    add = calling(SUM).add
+    values = np.arange(40.0).reshape(4, 10)
+    add(values, values)
+    (compiled,) = add.callee.overloads.values()
+    assert " x double>" in str(compiled.library._final_module)
+    np.testing.assert_array_equal(values, 2.0 * np.arange(40.0).reshape(4, 10))
 
 
 def test_a_large_kernel_is_called_by_its_symbol_and_a_small_one_is_not_called_at_all(calling, monkeypatch):

@@ -10,7 +10,7 @@ from comove.lab.evolution import Paper
 from comove.model import Scene
 from comove.model.blocks import place
 from comove.planning import Comove, PaperCost, solve
-from comove.planning.convex.costs import third_differences
+from comove.planning.convex.costs import differences
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
@@ -86,7 +86,7 @@ class Below:
 
 def jerk(found):
     hands = found.attempt.hands(np.linspace(0, 1, 101))[0].reshape(101, -1)
-    return (third_differences(hands) ** 2).sum()
+    return (differences(hands, 3) ** 2).sum()
 
 
 def highest(motion):

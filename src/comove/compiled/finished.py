@@ -52,9 +52,13 @@ def folder() -> Path | None:
     return None if path is None else Path(path)
 
 
+@cache
+def _kind() -> tuple[str, ...]:
+    return sys.version, numba.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
 def _file() -> Path:
-    kind = (sys.version, numba.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
-    digest = hashlib.sha256(repr((kind, config.OPT)).encode()).hexdigest()[:16]  # type: ignore[attr-defined]
+    digest = hashlib.sha256(repr((_kind(), config.OPT)).encode()).hexdigest()[:16]  # type: ignore[attr-defined]
     return folder() / FILE.format(digest)  # type: ignore[operator]  # a `TypeError` where there is none
 
 

@@ -59,9 +59,8 @@ class KernelLibrary(OptionalCode, JITCodeLibrary):
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
         passes, builder = create_new_function_pass_manager(), self._codegen._pass_builder()
-        passes.add_sroa_pass()  # the rest follows for the whole library
-        passes.add_instruction_combine_pass()
-        passes.add_simplify_cfg_pass()
+        passes.add_sroa_pass()  # the rest follows for the whole library; combining instructions
+        passes.add_simplify_cfg_pass()  # between these two would leave loops that LLVM cannot vectorise
         for function in ll_module.functions:
             if not function.is_declaration:
                 passes.run(function, builder)

@@ -21,6 +21,7 @@ does: one point block per hand, in which only the search keeps the constraints.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal, NamedTuple
@@ -255,10 +256,6 @@ class Coordinates:
 @lru_cache(maxsize=8)  # a search asks for them everywhere
 def load_coordinates(scene: Scene) -> Coordinates:
     """Return coordinates about the load's centre: the fewest that describe the scene."""
-    return _load_coordinates(scene)
-
-
-def _load_coordinates(scene: Scene) -> Coordinates:
     return _coordinates(scene, "load", [KINDS[g.orientation] for g in scene.groups])
 
 
@@ -333,7 +330,11 @@ def arms_coordinates(scene: Scene) -> Coordinates:
     return replace(_coordinates(scene, "arms", [POINT] * len(alone), alone), together=together)
 
 
-COORDINATES = {"load": _load_coordinates, "projected": projected_coordinates, "arms": arms_coordinates}
+COORDINATES: dict[Kind, Callable[[Scene], Coordinates]] = {
+    "load": load_coordinates,
+    "projected": projected_coordinates,
+    "arms": arms_coordinates,
+}
 
 
 def coordinates_for(scene: Scene, kind: Kind) -> Coordinates:

@@ -164,8 +164,9 @@ def _verified(
         even = replace(cost, precision=None)
         z, reference = _optimised(search, programme, even, z, settings, reference), None
         search.judge(programme.motion(z))
+    known = search.found.best_cost if search.own is None and smooth is search.aim else np.inf
     for attempt in range(smoothing.attempts):
-        z = _optimised(search, programme, cost, z, settings, reference)
+        z = _optimised(search, programme, cost, z, settings, reference, known)
         verdict, reference = search.judge(programme.motion(z)), None
         verified = verdict.verified is not None
         if verdict.report.clearance_min < search.scene.clearance - smoothing.hopeless:
@@ -246,10 +247,11 @@ def _optimised(
     z: Array,
     settings: ConvexSettings,
     reference: Array | None = None,
+    known: float = np.inf,
 ) -> Array:
     """Optimise shape weights as `optimise` does, while there is time, and return the best ones."""
     search.check_time()
-    outcome = optimise(programme, cost, z, settings, reference, search.over)
+    outcome = optimise(programme, cost, z, settings, reference, search.over, known)
     search.count(outcome.iterations, STEP)
     search.clock.add_work(outcome.programmes * PROGRAMME * programme.n)
     search.tell(outcome.value, outcome.missed)

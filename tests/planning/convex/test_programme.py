@@ -6,7 +6,7 @@ import pytest
 from comove.dmp.basis import motion_basis
 from comove.model import Scene, load_coordinates
 from comove.planning import LeastJerk
-from comove.planning.convex.costs import N_SAMPLES, Moves, jerk_cost, squares, third_differences
+from comove.planning.convex.costs import N_SAMPLES, Moves, differences, jerk_cost, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
@@ -72,6 +72,22 @@ def test_around_a_disc_margins_are_kept_and_both_sides_cost_the_same():
         values.append(found.value)
     assert values[0] == pytest.approx(values[1], rel=5e-3)
     assert values[0] > 1.1
+
+
+def test_what_a_known_motion_beats_is_not_optimised_to_the_end():
+    """A motion that may still become as good is: nothing changes there."""
+    scene = one_hand([{"shape": "circle", "center": [0.5, 0.5], "radius": 0.2}])
+    programme, s = programme_of(scene, 24), np.linspace(0.0, 1.0, 201)[:, None]
+    way = np.concatenate([s**3 * (10 + s * (6 * s - 15)), 0.5 + 0.4 * np.sin(np.pi * s) ** 2], axis=1)
+    cost, z = squares(scene, LeastJerk(), None), programme.fit(way, 1e-8)
+    best, beaten = (
+        optimise(programme, cost, z, ConvexSettings(), way, known=known) for known in (np.inf, 0.0)
+    )
+    equal = optimise(programme, cost, z, ConvexSettings(), way, known=best.value)
+    np.testing.assert_array_equal(equal.z, best.z)
+    assert beaten.iterations < best.iterations
+    assert beaten.missed == 0.0
+    assert verify(programme.motion(beaten.z)).verified is not None
 
 
 def test_a_wish_for_room_is_met_where_it_costs_little():
@@ -153,5 +169,5 @@ def test_third_differences_of_a_quintic():
     """y = s^3 (10 - 15 s + 6 s^2) has y''' = 60 - 360 s + 360 s^2, and no acceleration at its ends."""
     s = np.linspace(0.0, 1.0, 401)
     middle = 0.5 * (s[1:] + s[:-1])
-    found = third_differences((s**3 * (10 + s * (6 * s - 15)))[:, None])[:, 0]
+    found = differences((s**3 * (10 + s * (6 * s - 15)))[:, None], 3)[:, 0]
     np.testing.assert_allclose(found, 60 - 360 * middle + 360 * middle**2, atol=0.2)

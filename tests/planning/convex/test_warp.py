@@ -44,31 +44,36 @@ def cost_of(programme):
     return squares(programme.scene, LeastJerk(), None)
 
 
+def warp_of(programme, cost, z):
+    settings = ConvexSettings()
+    return warped(programme, cost, z, *programme.value(cost, z, settings.gauge), settings)
+
+
 def test_a_late_motion_is_made_even_and_keeps_its_way(programme):
     t = np.linspace(0.0, 1.0, len(programme.fine.base))
     rest = t**3 * (10 - 15 * t + 6 * t**2)
     late = along(programme, rest**1.3)
-    cost, settings = cost_of(programme), ConvexSettings()
-    again = warped(programme, cost, late, settings)
+    cost = cost_of(programme)
+    again = warp_of(programme, cost, late)
     before, after = (programme.value(cost, z, 0.0)[0] for z in (late, again))
     assert after < 0.8 * before
     path, moved = programme.fine.q(late), programme.fine.q(again)
     away = np.linalg.norm(moved[:, None, :2] - path[None, :, :2], axis=2).min(axis=1)
     assert away.max() < 8e-3  # samples of the path are up to 10 mm apart
     for _ in range(6):
-        again = warped(programme, cost, again, settings)
+        again = warp_of(programme, cost, again)
     even = along(programme, rest)
     assert programme.value(cost, again, 0.0)[0] <= 1.01 * programme.value(cost, even, 0.0)[0]
 
 
 def test_what_cannot_be_better_is_left_alone(programme):
     straight = np.zeros(programme.n)
-    assert warped(programme, cost_of(programme), straight, ConvexSettings()) is straight
+    assert warp_of(programme, cost_of(programme), straight) is straight
 
 
 def test_where_time_has_its_price_nothing_is_warped(programme):
     late = along(programme, np.linspace(0.0, 1.0, len(programme.fine.base)) ** 2)
-    assert warped(programme, replace(cost_of(programme), haste=1.0), late, ConvexSettings()) is late
+    assert warp_of(programme, replace(cost_of(programme), haste=1.0), late) is late
 
 
 @pytest.mark.parametrize("degree", range(5))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array
+from comove.compiled import kernel
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 
@@ -66,21 +67,18 @@ class Term(NamedTuple):
         columns = np.argsort(~even, kind="stable")  # those that move hands evenly come first
         n_columns, n_basis, n_even = len(even), shape.shape[1], int(even.sum())
         first, n = n_even * n_basis, n_columns * n_basis
-        alike, others = slopes[0][:, columns[:n_even]], slopes[:, :, columns[n_even:]]
+        alike = np.ascontiguousarray(slopes[0][:, columns[:n_even]])
         residuals, basis = self.residuals(hands), self.scale * differences(shape, self.order)
+        rows, mixed = _moved(slopes, shape, columns[n_even:], alike, self.order, self.scale)
+        flat = rows.reshape(residuals.size, n - first)
         square, gradient = np.empty((n, n)), np.empty(n)
-        if n_even:
-            product = (alike.T @ alike)[:, None, :, None] * (basis.T @ basis)[:, None, :]
-            square[:first, :first] = product.reshape(first, first)
-            gradient[:first] = ((residuals @ alike).T @ basis).ravel()
-        if n_even < n_columns:
-            moved = differences(others[:, :, :, None] * shape[:, None, None, :], self.order)
-            rows = self.scale * moved.reshape(*residuals.shape, n - first)
-            flat = rows.reshape(-1, n - first)
-            square[first:, first:], gradient[first:] = flat.T @ flat, residuals.ravel() @ flat
-            across = basis.T @ (alike.T @ rows).transpose(1, 0, 2)
-            square[:first, first:] = across.reshape(first, n - first)
-            square[first:, :first] = square[:first, first:].T
+        product = (alike.T @ alike)[:, None, :, None] * (basis.T @ basis)[:, None, :]
+        square[:first, :first] = product.reshape(first, first)
+        square[first:, first:] = flat.T @ flat
+        square[:first, first:] = (basis.T @ mixed).reshape(first, n - first)
+        square[first:, :first] = square[:first, first:].T
+        gradient[:first] = ((residuals @ alike).T @ basis).ravel()
+        gradient[first:] = residuals.ravel() @ flat
         if (columns[1:] < columns[:-1]).any():
             back = np.argsort(columns)
             square = square.reshape(n_columns, n_basis, n_columns, n_basis)[back][:, :, back].reshape(n, n)
@@ -149,7 +147,7 @@ class JerkCost(SumOfSquares):
         jerk = np.sqrt(self.weight / (720.0 * self.way**2 * (n_samples - 1)))
         if self.demonstration is None:
             return (Term(3, jerk),)
-        taught = third_differences(self.demonstration)
+        taught = differences(self.demonstration, 3)
         taught[:2] = taught[-2:] = 0.0  # it need not rest at its ends
         pull, aim = np.sqrt(self.weight * self.pull / (n_samples * self.way**2)), self.demonstration
         if self.precision is not None:
@@ -241,36 +239,93 @@ def jerk_cost(
     return squares(motion.scene, objective, demonstration, precision=precision).value(hands)
 
 
-def differences(y: Array, order: int) -> Array:
-    """Return derivatives of an order by normalised time, from even samples; of order 3 as `third_differences`.
+# Coefficients of differences of order 0 to 3.
+STENCILS = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]]
+)
+
+
+@kernel
+def n_differences(order, n_samples):
+    """Return the number of rows of `differences`."""
+    return n_samples - (order if order < 3 else 1)
+
+
+@kernel
+def stencil(order, row, n_samples):
+    """Return the first sample, the number of samples and the sign of a row of `differences`."""
+    if order < 3:
+        return row, order + 1, 1.0
+    if row == 0:
+        return 0, 3, 1.0
+    return (n_samples - 3, 3, -1.0) if row == n_samples - 2 else (row - 1, 4, 1.0)
+
+
+@kernel
+def differences(y, order):
+    """Return derivatives of an order by normalised time, from even samples.
+
+    Third derivatives lie between the samples of a motion with no acceleration at its ends.
 
     Parameters
     ----------
-    y : array, shape (n_samples, ...)
+    y : array, shape (n_samples, n)
 
     Returns
     -------
-    array, shape (n_rows, ...)
+    array, shape (n_differences(order, n_samples), n)
     """
-    if order == 3:
-        return third_differences(y)
-    return np.diff(y, n=order, axis=0) * (len(y) - 1) ** order if order else y
+    n_samples, n = y.shape
+    rates, scale = np.zeros((n_differences(order, n_samples), n)), (n_samples - 1.0) ** order
+    for row in range(rates.shape[0]):
+        first, count, sign = stencil(order, row, n_samples)
+        for j in range(count):
+            for i in range(n):
+                rates[row, i] += STENCILS[count - 1, j] * y[first + j, i]
+        for i in range(n):
+            rates[row, i] *= sign * scale
+    return rates
 
 
-def third_differences(y: Array) -> Array:
-    """Return third derivatives between even samples of a motion in unit duration with no acceleration at its ends.
+@kernel
+def _moved(slopes, shape, columns, alike, order, scale):
+    """Return the derivatives of a term's residuals by the weights of some columns.
 
     Parameters
     ----------
-    y : array, shape (n_samples, ...)
+    slopes : array, shape (n_samples, n_rates, n_columns)
+    shape : array, shape (n_samples, n_basis)
+    columns : array of int, shape (n,)
+    alike : array, shape (n_rates, n_even)
 
     Returns
     -------
-    array, shape (n_samples - 1, ...)
+    array, shape (n_rows, n_rates, n * n_basis)
+    array, shape (n_even, n_rows, n * n_basis), their products with `alike`
     """
-    first = y[1:] - y[:-1]
-    second, third = first[1:] - first[:-1], np.empty_like(first)
-    third[0], third[-1] = second[0], -second[-1]
-    np.subtract(second[1:], second[:-1], out=third[1:-1])
-    third *= (len(y) - 1) ** 3
-    return third
+    (n_samples, n_rates, _), n_basis, n, n_even = (
+        slopes.shape,
+        shape.shape[1],
+        columns.shape[0],
+        alike.shape[1],
+    )
+    n_rows, scale = n_differences(order, n_samples), scale * (n_samples - 1.0) ** order
+    rows, mixed = np.empty((n_rows, n_rates, n * n_basis)), np.zeros((n_even, n_rows, n * n_basis))
+    for row in range(n_rows):
+        first, count, sign = stencil(order, row, n_samples)
+        s, t, u = min(first + 1, n_samples - 1), min(first + 2, n_samples - 1), min(first + 3, n_samples - 1)
+        a, b, c, d = STENCILS[count - 1] * (sign * scale)
+        values, second, third, fourth = shape[first], shape[s], shape[t], shape[u]
+        for h in range(n_rates):
+            for i in range(n):
+                out, column = rows[row, h, i * n_basis : (i + 1) * n_basis], columns[i]
+                x, y = a * slopes[first, h, column], b * slopes[s, h, column]
+                z, w = c * slopes[t, h, column], d * slopes[u, h, column]
+                for k in range(n_basis):
+                    out[k] = x * values[k] + y * second[k] + z * third[k] + w * fourth[k]
+            for e in range(n_even):
+                if alike[h, e] != 0.0:
+                    out, every = mixed[e, row], rows[row, h]
+                    for k in range(n * n_basis):
+                        out[k] += alike[h, e] * every[k]
+    return rows, mixed

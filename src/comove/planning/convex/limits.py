@@ -12,7 +12,7 @@ import numpy as np
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.model.scene import Scene
-from comove.planning.convex.costs import Moves, differences
+from comove.planning.convex.costs import STENCILS, Moves, differences, n_differences, stencil
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,25 @@ class Limits:
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
         """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""
         for order, share, value in self._finite():
-            rate = differences(hands, order)
-            size = np.linalg.norm(rate.reshape(len(rate), -1, self.n_dims), axis=2)
-            yield order, size / (share * value)
+            yield order, _sizes(differences(hands, order), self.n_dims) / (share * value)
 
     def _finite(self) -> Iterator[tuple[int, float, float]]:
         """Yield order, share that is kept to, and value of every finite limit."""
         for order, (share, value) in enumerate(zip(self.shares, self.values, strict=True), start=1):
             if value < np.inf:
                 yield order, share, value
+
+
+@kernel
+def _sizes(rates, n_dims):
+    """Return the norms of the rates of hands, array of shape (n, n_hands * n_dims); array, shape (n, n_hands)."""
+    sizes = np.zeros((rates.shape[0], rates.shape[1] // n_dims))
+    for row in range(sizes.shape[0]):
+        for hand in range(sizes.shape[1]):
+            for d in range(hand * n_dims, (hand + 1) * n_dims):
+                sizes[row, hand] += rates[row, d] ** 2
+            sizes[row, hand] = sqrt(sizes[row, hand])
+    return sizes
 
 
 class LinearLimits(NamedTuple):
@@ -123,20 +133,6 @@ class LinearLimits(NamedTuple):
         )
 
 
-# Coefficients of first, second and third differences.
-STENCILS = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
-
-
-@kernel
-def _stencil(order, row, n_samples):
-    """Return the first sample, the number of samples and the sign of a row of `differences`."""
-    if order < 3:
-        return row, order + 1, 1.0
-    if row == 0:
-        return 0, 3, 1.0
-    return (n_samples - 3, 3, -1.0) if row == n_samples - 2 else (row - 1, 4, 1.0)
-
-
 @kernel
 def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
     """Return rows and bounds of `LinearLimits.cuts`."""
@@ -153,12 +149,12 @@ def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
     for o in range(orders.shape[0]):
         scale, bound = (n_samples - 1.0) ** orders[o] / values[o], pace ** orders[o]
         bound = max(share * (bound + orders[o] * pace ** (orders[o] - 1) * dp), 0.0)
-        for row in range(n_samples - (2 if orders[o] == 2 else 1)):
-            first, count, sign = _stencil(orders[o], row, n_samples)
+        for row in range(n_differences(orders[o], n_samples)):
+            first, count, sign = stencil(orders[o], row, n_samples)
             for h in range(width):
                 rates[o, row, h] = 0.0
                 for j in range(count):
-                    rates[o, row, h] += sign * scale * STENCILS[count - 2, j] * there[first + j, h]
+                    rates[o, row, h] += sign * scale * STENCILS[count - 1, j] * there[first + j, h]
             for h in range(0, width, n_dims):
                 square = 0.0
                 for d in range(h, h + n_dims):
@@ -169,7 +165,7 @@ def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
     rows, bounds = np.zeros((n, n_columns * n_basis)), np.empty(n)
     for r in range(n):
         o, row, h = active[r]
-        first, count, sign = _stencil(orders[o], row, n_samples)
+        first, count, sign = stencil(orders[o], row, n_samples)
         scale, slower = sign * (n_samples - 1.0) ** orders[o] / values[o], orders[o] * pace ** (orders[o] - 1)
         size = sqrt((rates[o, row, h : h + n_dims] ** 2).sum())
         for j in range(count):
@@ -177,7 +173,7 @@ def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
                 along = 0.0
                 for d in range(h, h + n_dims):
                     along += rates[o, row, d] / size * slopes[first + j, d, c]
-                along *= scale * STENCILS[count - 2, j] / slower
+                along *= scale * STENCILS[count - 1, j] / slower
                 for k in range(n_basis):
                     rows[r, c * n_basis + k] -= along * shape[first + j, k]
         bounds[r] = (size - pace ** orders[o]) / slower

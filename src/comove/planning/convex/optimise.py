@@ -50,8 +50,9 @@ def optimise(
     settings: ConvexSettings,
     reference: Array | None = None,
     over: Callable[[], bool] = lambda: False,
+    known: float = np.inf,
 ) -> ConvexOutcome:
-    """Optimise shape weights until steps bring no gain.
+    """Optimise shape weights until steps bring no gain, or another motion is certain to be better.
 
     Parameters
     ----------
@@ -59,14 +60,15 @@ def optimise(
     reference : array, shape (n_fine, n_columns), movement without contact about which the first clearances are
         linearised; that of `z` unless given
     over : function that is called before every step and returns whether to end
+    known : value of another motion
     """
-    radius, mu = settings.radius, settings.slack_cost
-    here = stand(programme, cost, z, settings, radius, reference)
+    radius, mu, need = settings.radius, settings.slack_cost, programme.need(settings)
+    here = stand(programme, cost, z, settings, need, radius, reference)
     outcome, stall = ConvexOutcome(z, np.inf, here.missed), 0.0
     for _ in range(settings.iterations):
         if over():
             break
-        trial = step(programme, cost, here, settings, radius, mu)
+        trial = step(programme, cost, here, settings, need, radius, mu)
         outcome.iterations += 1
         if trial is None:
             radius *= 0.3
@@ -90,16 +92,18 @@ def optimise(
         if taken:
             z = here.z + trial.dz
             if trial.missed == 0:
-                z = warped(programme, cost, z, settings)
-            here = stand(programme, cost, z, settings, radius)
+                z = warped(programme, cost, z, trial.own, trial.hands, settings)
+            here = stand(programme, cost, z, settings, need, radius)
         worth = here.value * (1 + settings.worth * here.wish)
         gained = here.missed < SOUND and worth < outcome.value * (1 - settings.gain)
+        likely = here.value - settings.outlook * (outcome.value - worth)
         if here.missed < SOUND and worth < outcome.value:
             outcome.z, outcome.value, outcome.missed = here.z, worth, 0.0
         stall = 0.0 if gained else stall + (1.0 if taken and here.missed < SOUND else 0.2)
-        if stall >= settings.patience or radius < settings.least:
+        beaten = gained and likely > settings.behind * known
+        if stall >= settings.patience or radius < settings.least or beaten:
             break
-        if trial.slack > 1e-6 and (here.seen.depth > programme.need(settings)).any():
+        if trial.slack > 1e-6 and (here.seen.depth > need).any():
             mu = min(5 * mu, settings.most_slack_cost)
     if not np.isfinite(outcome.value):
         outcome.z, outcome.value, outcome.missed = here.z, here.value, here.missed
@@ -141,6 +145,7 @@ class Step(NamedTuple):
     Attributes
     ----------
     dz : array, shape (n_columns * n_basis,), change of the shape weights
+    own, hands : cost after the step, and array, shape (n_samples, n_hands * n_dims), hands at coarse samples then [m]
     value : cost after the step, plus the price of the change of `Stand.wish`
     missed : amounts by which margins and limits are missed after the step [m]
     seen : movement after the step, and its contacts
@@ -150,6 +155,8 @@ class Step(NamedTuple):
     """
 
     dz: Array
+    own: float
+    hands: Array
     value: float
     missed: float
     seen: Seen
@@ -163,6 +170,7 @@ def stand(
     cost: SumOfSquares,
     z: Array,
     settings: ConvexSettings,
+    need: Array,
     radius: float,
     reference: Array | None = None,
 ) -> Stand:
@@ -178,11 +186,11 @@ def stand(
     gradient = whiten @ gradient
     own = p.fine.q(z)
     cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
-    seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
+    seen = p.look(own if reference is None else reference, cutoff, need)
     missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
     pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
     value = cost.value(hands) + float(lengths @ lengths) + cost.haste * pace
-    wish = _wish(p, seen, settings)
+    wish = _wish(p, seen, settings, need)
     limits = p.limits.linear(hands, moves, pace)
     return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
 
@@ -201,13 +209,14 @@ def inverse_of_lower(lower):
     return inverse
 
 
-def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
+def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings, need: Array) -> float:
     """Return the share of the wish for clearance that is not met, squared and summed over obstacles."""
     if settings.wish <= 0:
         return 0.0
     n = p.load.n_owners
-    least = p.need(settings)[:n] - p.scene.clearance - seen.depth[:n]
-    return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
+    unmet = 1.0 - (need[:n] - p.scene.clearance - seen.depth[:n]) / settings.wish
+    unmet = np.minimum(np.maximum(unmet, 0.0), 1.0)
+    return float(unmet @ unmet)
 
 
 def _further(
@@ -223,10 +232,15 @@ def _further(
 
 
 def step(
-    p: ConvexProgramme, cost: SumOfSquares, here: Stand, settings: ConvexSettings, radius: float, mu: float
+    p: ConvexProgramme,
+    cost: SumOfSquares,
+    here: Stand,
+    settings: ConvexSettings,
+    need: Array,
+    radius: float,
+    mu: float,
 ) -> Step | None:
     """Compute a step, corrected where its trial comes too near; None if a programme has no solution."""
-    need = p.need(settings)
     rows, bound, owner = p.linear(here.seen, here.off, need)
     clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
     trust = Trust(p.moves, here.off[p.watched].ravel(), radius * p.scale)
@@ -248,14 +262,14 @@ def step(
             slack += settings.limit * slower
         gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
         gain -= cost.haste * slower
-        value, hands = p.value(cost, here.z + dz, settings.gauge)
+        own, hands = p.value(cost, here.z + dz, settings.gauge)
         near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
         there = p.look(p.fine.q(here.z + dz), near, need)
-        wish = _wish(p, there, settings)
+        value = own + worth * (_wish(p, there, settings, need) - here.wish)
         missed = p.missed(there, hands, settings, cost)
         near_enough = missed == 0.0
         predicted = gain + mu * (here.missed - min(here.missed, slack)) if known else np.inf
-        trial = Step(dz, value + worth * (wish - here.wish), missed, there, predicted, slack, programmes)
+        trial = Step(dz, own, hands, value, missed, there, predicted, slack, programmes)
         if known:
             worse = predicted < -settings.gain * here.value and here.missed < SOUND
             if corrections == 0 and not lenient and worse:

@@ -67,6 +67,8 @@ class ConvexSettings:
     iterations : largest number of steps
     gain : least relative decrease of the cost that counts as a gain
     patience : number of steps without gain after which the search ends
+    outlook, behind : gains like the last one that a motion is granted, and ratio of its value then to that of a known
+        motion beyond which the search ends
     corrections : number of times that a step is corrected before the trust region shrinks
     slack_cost, most_slack_cost : cost of a metre by which linearised distances are missed, at first and at most
     limit : length as which a limit exceeded by 100 % counts [m]
@@ -88,6 +90,8 @@ class ConvexSettings:
     iterations: int = 40
     gain: float = 1e-3
     patience: float = 1.0
+    outlook: float = 2.0
+    behind: float = 1.2
     corrections: int = 3
     slack_cost: float = 1e6
     most_slack_cost: float = 1e8

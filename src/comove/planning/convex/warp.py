@@ -16,20 +16,27 @@ from comove.planning.convex.costs import Moves, SumOfSquares
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 
 
-def warped(programme: ConvexProgramme, cost: SumOfSquares, z: Array, settings: ConvexSettings) -> Array:
+def warped(
+    programme: ConvexProgramme,
+    cost: SumOfSquares,
+    z: Array,
+    value: float,
+    hands: Array,
+    settings: ConvexSettings,
+) -> Array:
     """Return the weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z`.
 
-    Time is shifted by a sum of waves ``sin(k pi t)`` that minimises the cost with linearised residuals.
+    Time is shifted by a sum of waves ``sin(k pi t)`` that minimises the cost with linearised residuals. `value` and
+    `hands` are those of `z`, as of `ConvexProgramme.value`.
     """
     if cost.haste > 0:
         return z
     warp = settings.warp
-    value, hands = programme.value(cost, z, settings.gauge)
     speed = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
     moves = Moves(speed[:, :, None], _waves(len(hands), warp.n_waves), np.zeros(1, dtype=bool))
     square, gradient = cost.normal_equations(hands, moves)
     order = np.arange(1, warp.n_waves + 1)
-    square[np.diag_indices(len(order))] += warp.smooth * np.trace(square) / len(order) * (np.pi * order) ** 2
+    square.flat[:: len(order) + 1] += warp.smooth * np.trace(square) / len(order) * (np.pi * order) ** 2
     heights = -np.linalg.solve(square, gradient)
     if -gradient @ heights < settings.gain * value:  # the gain that it promises
         return z
@@ -71,5 +78,4 @@ def interpolated(way: Array, rate: Array, t: Array) -> Array:
 def _waves(n: int, n_waves: int) -> Array:
     """Return waves that vanish at both ends of unit duration, at even samples; array, shape (n, n_waves)."""
     waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, n_waves + 1)))
-    waves.setflags(write=False)
     return waves
