@@ -151,7 +151,7 @@ def test_grasps_on_the_payload_precede_those_in_the_air(n):
     held = [sum(abs(at[0]) < 0.2 for at in way.values()) for way in ways]
     assert held == sorted(held, reverse=True)
     assert held[0] == 2
-    way = next(_clear_ways(scene, robot(), {}, True))
+    way, _ = next(_clear_ways(scene, robot(), {}, True))
     assert way.file.load.grasps["left"][0] == 0.17
 
 
