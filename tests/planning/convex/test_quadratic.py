@@ -76,3 +76,18 @@ def test_a_dear_slack_hides_no_progress(seed):
     )
     assert dear.slack == pytest.approx(cheap.slack, rel=1e-3)
     assert (rows @ dear.w - bound).min() > -dear.slack - 1e-5
+
+
+def test_no_programme_is_begun_once_all_is_over():
+    """Rows are added round by round, each of which may take a second."""
+    rng, asked = np.random.default_rng(0), []
+    rows = rng.normal(size=(200, N))
+    clearances = Rows(rows, -0.03 * np.ones(200), np.zeros(200, dtype=np.int64), np.full(200, -np.inf))
+    trust = Trust(np.eye(N), np.zeros(N), np.ones(N))
+    given = np.full(N, 0.5), np.eye(N), clearances, trust, NO_LIMITS, Prices(1e6, 0.0, 1.0, 1.0, 0.0)
+    whole = minimum(*given)
+    assert whole.programmes > 1
+    for rounds in range(whole.programmes + 1):
+        asked.clear()
+        found = minimum(*given, over=lambda most=rounds: asked.append(1) or len(asked) > most)
+        assert (found is None) == (rounds < whole.programmes)

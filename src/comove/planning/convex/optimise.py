@@ -59,7 +59,7 @@ def optimise(
     z : array, shape (n_columns * n_basis,), initial shape weights
     reference : array, shape (n_fine, n_columns), movement without contact about which the first clearances are
         linearised; that of `z` unless given
-    over : function that is called before every step and returns whether to end
+    over : function that is called before every programme and returns whether to end
     known : value of another motion
     """
     radius, mu, need = settings.radius, settings.slack_cost, programme.need(settings)
@@ -68,7 +68,7 @@ def optimise(
     for _ in range(settings.iterations):
         if over():
             break
-        trial = step(programme, cost, here, settings, need, radius, mu)
+        trial = step(programme, cost, here, settings, need, radius, mu, over)
         outcome.iterations += 1
         if trial is None:
             radius *= 0.3
@@ -239,8 +239,9 @@ def step(
     need: Array,
     radius: float,
     mu: float,
+    over: Callable[[], bool],
 ) -> Step | None:
-    """Compute a step, corrected where its trial comes too near; None if a programme has no solution."""
+    """Compute a step, corrected where its trial comes too near; None if a programme fails, or all is over."""
     rows, bound, owner = p.linear(here.seen, here.off, need)
     clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
     trust = Trust(p.moves, here.off[p.watched].ravel(), radius * p.scale)
@@ -251,7 +252,7 @@ def step(
     known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
     while True:
         found = minimum(
-            here.gradient, here.whiten, clearances, trust, here.limits, prices, settings.quadratic
+            here.gradient, here.whiten, clearances, trust, here.limits, prices, settings.quadratic, over
         )
         if found is None:
             return None

@@ -8,6 +8,7 @@ violates them; those that do not count any more are left out again.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -130,8 +131,12 @@ def minimum(
     limits: LinearLimits,
     prices: Prices,
     settings: QuadraticSettings = SETTINGS,
+    over: Callable[[], bool] = lambda: False,
 ) -> Minimum | None:
-    """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``; None if that fails."""
+    """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``.
+
+    None if that fails, or once `over`, which is asked before every set of rows, says so.
+    """
     n = len(gradient)
     rows, bound, owner, further = clearances
     wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
@@ -157,6 +162,8 @@ def minimum(
     cut, limit = limits.cuts(np.zeros(n), 0.0, settings.active)
     programmes = 0
     for _ in range(settings.rounds):
+        if over():
+            return None
         programmes += 1
         block = np.zeros((len(near) + len(beyond) + len(cut), matrix.shape[1]))
         block[:, :n] = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
