@@ -244,6 +244,17 @@ def test_a_distance(motion):
         assert verify(off).verified is None  # such coordinates are not those of the scene
 
 
+def test_coordinates_that_are_changed_where_they_lie_are_not_those_of_the_scene(motion):
+    """They may be what a search keeps for the scene; the ends of its bar, beyond the hands, shrink here."""
+    data = scene_data(motion.scene)
+    scene = Scene.from_dict(data | {"load": data["load"] | {"overhang": 0.05}})
+    own = replace(motion, scene=scene, coordinates=load_coordinates(scene))
+    assert not any("coordinates" in reason for reason in verify(own).reasons)
+    own.coordinates.blocks.point[len(scene.manipulators) :] *= 0.9
+    assert verify(own).verified is None
+    assert any("coordinates" in reason for reason in verify(own).reasons)
+
+
 def test_the_load_is_that_of_the_scene(motion):
     """A motion made for a bar says nothing of a longer one, whatever coordinates it carries."""
     data = scene_data(motion.scene)

@@ -256,6 +256,10 @@ class Coordinates:
 @lru_cache(maxsize=8)  # a search asks for them everywhere
 def load_coordinates(scene: Scene) -> Coordinates:
     """Return coordinates about the load's centre: the fewest that describe the scene."""
+    return _load_coordinates(scene)
+
+
+def _load_coordinates(scene: Scene) -> Coordinates:
     return _coordinates(scene, "load", [KINDS[g.orientation] for g in scene.groups])
 
 
@@ -331,7 +335,7 @@ def arms_coordinates(scene: Scene) -> Coordinates:
 
 
 COORDINATES: dict[Kind, Callable[[Scene], Coordinates]] = {
-    "load": load_coordinates,
+    "load": _load_coordinates,
     "projected": projected_coordinates,
     "arms": arms_coordinates,
 }
