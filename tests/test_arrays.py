@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.arrays import coordinates, first_largest, first_least
+from comove.arrays import first_largest, first_least, listed
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-16, -1e-16, 1e-13])
@@ -30,8 +30,6 @@ def test_what_is_no_number_is_told_first():
 
 
 def test_coordinates_are_written_without_traces_of_rounding():
-    assert (
-        coordinates([0.5, 5.55e-17, -0.0, -1e-9, 0.30000000000000004, -12.3456])
-        == "0.5, 0, 0, 0, 0.3, -12.346"
-    )
-    assert coordinates([1 / 3], 6) == "0.333333"
+    told = listed([0.5, 5.55e-17, -0.0, -1e-9, 0.30000000000000004, -12.3456], 3)
+    assert told == "[0.5, 0, 0, 0, 0.3, -12.346]"
+    assert listed([1 / 3], 6) == "[0.333333]"

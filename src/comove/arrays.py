@@ -16,11 +16,10 @@ Integers = NDArray[np.int64]
 ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
 
 
-def coordinates(values: ArrayLike, decimals: int = 3) -> str:
-    """Return coordinates as text, rounded and without the traces of rounding, such as ``0.5, 0, 0.3``."""
-    return ", ".join(
-        f"{value:.12g}" for value in (np.round(np.asarray(values, dtype=float), decimals) + 0.0).tolist()
-    )
+def listed(values: ArrayLike, decimals: int) -> str:
+    """Return numbers as a file lists them, without traces of rounding, such as ``[0.5, 0, 0.3]``."""
+    rounded = np.round(np.asarray(values, dtype=float), decimals) + 0.0  # one zero
+    return f"[{', '.join(f'{value:.12g}' for value in rounded.tolist())}]"
 
 
 def first_largest(values: ArrayLike) -> int:

@@ -371,9 +371,7 @@ def _verified_execution(record: Any, checks: Sequence[Check]) -> Verification:
     """Return the verification of the record of an execution, or refuse what is none."""
     from comove.verification.record import Record, RecordSamples, verify_execution
 
-    is_online = hasattr(record, "commanded") and hasattr(
-        record, "measured"
-    )  # by a robot, as a simulator saw it
+    is_online = hasattr(record, "commanded") and hasattr(record, "measured")  # a robot, as a simulator saw it
     if not (is_online or isinstance(record, (Record, RecordSamples))):
         raise OptionError(
             f"a {type(record).__name__} cannot be verified",

@@ -359,10 +359,10 @@ def long_load():
         (with_names(("left", "rigth")), ["no arm 'rigth'", "did you mean 'right'?", "left, right"]),
         (
             moved([0.0, 2.0, 0.0]),
-            ["manipulators.start", "'left' cannot reach its start at 0.772, 2.552, 0.05", "m and"],
+            ["manipulators.start", "'left' cannot reach its start at [0.772, 2.552, 0.05]", "m and"],
         ),
         (moved([0, 0, 1.7], "goal"), ["manipulators.goal", "cannot reach its goal", "degrees are missing"]),
-        (long_load(), ["'left' cannot reach its start at 0.6, 2, 0.1", "use another robot"]),
+        (long_load(), ["'left' cannot reach its start at [0.6, 2, 0.1]", "use another robot"]),
     ],
 )
 def test_a_scene_that_a_robot_cannot_carry_out_is_told_in_one_sentence(data, told, tmp_path):

@@ -216,10 +216,10 @@ def _say_solution(
     print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
     rows = [("demonstration", named)] if named else []
     if asked.file.choices is not None:
-        from comove.arrays import coordinates
+        from comove.arrays import listed
         from comove.model.files.upgrade import held_at
 
-        held = (f"{name} at [{coordinates(at, 4)}]" for name, at in held_at(solution.scene.file).items())
+        held = (f"{name} at {listed(at, 4)}" for name, at in held_at(solution.scene.file).items())
         rows += [("grasps taken", ", ".join(held))]
     if solution.joints is not None:
         print(joints_text(solution.joints.robot.name, vars(solution.joints.report)))

@@ -128,15 +128,17 @@ def carrier_of(scene: Scene, robot: Carrier) -> Any:
     ----------
     robot : as of `solve_many`
     """
-    if robot is False or (robot is None and scene.file.robot is None):
+    if not _is_carried(scene, robot):
         return None
-    if not (robot is None or isinstance(robot, (str, Path))):
-        return robot
     from comove.data.carried import robot_named
 
-    return robot_named(
-        str(scene.file.robot if robot is None else robot), scene.folder if robot is None else None
-    )
+    if robot is None:
+        return robot_named(str(scene.file.robot), scene.folder)
+    return robot_named(str(robot), None) if isinstance(robot, (str, Path)) else robot
+
+
+def _is_carried(scene: Scene, robot: Carrier) -> bool:
+    return robot is not False and (robot is not None or scene.file.robot is not None)
 
 
 class _Named:
@@ -213,11 +215,7 @@ def require_kernels(scenes: Iterable[Scene], robot: Carrier = None) -> None:
     ----------
     robot : as of `solve_many`
     """
-    names_one = robot is not None and robot is not False
-    kinds = dict.fromkeys(
-        (SceneKind.of(scene), names_one or (robot is None and scene.file.robot is not None))
-        for scene in scenes
-    )
+    kinds = dict.fromkeys((SceneKind.of(scene), _is_carried(scene, robot)) for scene in scenes)
     names = dict.fromkeys(name for kind, on_robot in kinds for name in _jobs(kind, on_robot))
     require(*(name for name in names if JOBS[name].is_possible))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from comove.arrays import Array, coordinates, first_largest
+from comove.arrays import Array, first_largest, listed
 from comove.errors import SceneError
 from comove.geometry.rotations import (
     UP,
@@ -336,7 +336,7 @@ class _Body:
             off, normal = (center - start.center) @ c.normal, c.normal
             center = center - off * normal
             if abs(off) > c.tolerance + ROUNDING:
-                there = f"write goal position: [{coordinates(center[: self.n_dims], 6)}]"
+                there = f"write goal position: {listed(center[: self.n_dims], 6)}"
                 told = (
                     f"the goal is {abs(off):.3g} m out of the plane in which the payload moves from its start"
                 )
@@ -369,7 +369,7 @@ class _Body:
         if off <= allowed:
             return
         axis = logarithm(turned)
-        about = f"[{coordinates(axis / np.linalg.norm(axis), 4)}]"
+        about = listed(axis / np.linalg.norm(axis), 4)
         told = f"the goal turns the payload by {degrees(np.linalg.norm(axis)):.3g} deg"
         left_out = f"{degrees(off):.3g} deg of it out (tolerance {degrees(allowed):.3g} deg)"
         kept = [i for i, c in enumerate(self.file.constraints) if c.type in ("no_rotation", "axis", "planar")]
@@ -407,12 +407,12 @@ class _Body:
         off = np.linalg.norm(held - hands, axis=1)
         worst = first_largest(off)
         if off[worst] > POSED:
-            i, there = self.members[worst], coordinates(held[worst, : self.n_dims], 10)
+            i, there = self.members[worst], listed(held[worst, : self.n_dims], 10)
             raise self._error(
                 f"the payload's pose at the {end} places the grasp of '{self.names[i]}' {off[worst]:.3g} m from "
                 "where this end effector is",
                 f"load.{end}",
-                f"write manipulators[{i}].{end}: [{there}], or correct the pose",
+                f"write manipulators[{i}].{end}: {there}, or correct the pose",
             )
 
     def held(self) -> tuple[Array, Array]:

@@ -309,9 +309,14 @@ class Scene:
         return tuple(self.held_as(part) for part in parts)
 
     @cached_property
+    def far(self) -> Array:
+        """Return how far grasps that hold nothing are from the payload, see `far_grasps`; (n_ways, n_holders) [m]."""
+        return far_grasps(self.file, self.groups, self.body)
+
+    @property
     def n_far(self) -> Integers:
         """Return the number of grasps that hold nothing in each choice of the file, or as given; shape (n_ways,)."""
-        return np.asarray((far_grasps(self.file, self.groups, self.body) > 0.0).sum(axis=1), dtype=np.int64)
+        return np.count_nonzero(self.far, axis=1)
 
     @property
     def choices(self) -> tuple[GraspOption, ...]:
@@ -901,11 +906,10 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
 def _warn_of_far_grasps(scene: Scene) -> None:
     """Warn of every grasp that holds nothing."""
     file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
-    far = far_grasps(file, scene.groups, scene.body)
-    for name, way in np.argwhere(far.T > 0.0).tolist():
+    for name, way in np.argwhere(scene.far.T > 0.0).tolist():
         who = file.holders[name]
         at = file.choices[way].grasps[who] if file.choices else None
-        told.setdefault(f"{scene.words.grasp(who, at)}: {told_far(who, far[way, name], file)}", who)
+        told.setdefault(f"{scene.words.grasp(who, at)}: {told_far(who, scene.far[way, name], file)}", who)
     for message in told:
         warnings.warn(f"{place}{message}", ComoveWarning, stacklevel=4)
 

@@ -47,6 +47,7 @@ def check_scene(scene: object) -> None:
 
 
 def check_budget(budget: object) -> None:
+    """Refuse what is neither a budget nor a positive number of seconds."""
     seconds = 1.0 if isinstance(budget, Budget) else budget
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")

@@ -386,7 +386,7 @@ class Comove(Method):
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
             candidates = search.candidates(dmp, weights, self.settings.n_asked)
             value, some = candidates.value, islice(candidates.best_first(), self.settings.n_certified)
-            for i in chain(some, (candidates.gentlest for _ in range(1))):
+            for i in chain(some, (candidates.gentlest for _ in range(1))):  # found only if it is its turn
                 if search.found.attempt is not None:  # one is judged even if time is up
                     search.check_time()
                 if candidates.sound[i] and not candidates.possible[i]:

@@ -25,7 +25,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import PPoly
 
-from comove.arrays import ROUNDING, Array, Integers
+from comove.arrays import ROUNDING, Array
 from comove.model.files.keys import DEFAULT_MASS
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
@@ -94,52 +94,36 @@ def _rounded_down(value: float, digits: int = 3) -> str:
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
+@lru_cache(maxsize=8)
 def _shares(scene: Scene) -> Array:
     """Return the share of the load's mass that every hand carries; array, shape (n_hands,), not to be changed."""
-    body, tilted = scene.body, scene.grasp is not None and bool(scene.grasp.keypoints)
-    arrays = scene.nodes_at("start"), body.edges, body.radii, body.solids
-    of_arrays = tuple((array.tobytes(), array.shape, array.dtype) for array in arrays)
-    return _balanced(of_arrays, len(scene.manipulators), tuple(scene.file.holder_numbers), tilted)
-
-
-@lru_cache(maxsize=8)
-def _balanced(
-    arrays: tuple[tuple[bytes, Any, Any], ...], n_hands: int, held: tuple[int, ...], tilted: bool
-) -> Array:
-    """Return `_shares`, as scenes in several durations have them.
-
-    Parameters
-    ----------
-    arrays : bytes, shape and type of the nodes at the start, and of the load's edges, radii and solids
-    held : numbers of the hands that hold the load
-    tilted : whether the load may tilt, and lie in hands along its own axes
-    """
-    nodes, edges, radii, solids = (np.frombuffer(data, kind).reshape(shape) for data, shape, kind in arrays)
-    shares, holders = np.zeros(n_hands), list(held)
+    shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
     if not holders:
         return shares
     shares[holders] = 1.0 / len(holders)
-    seen = slice(None) if tilted else slice(2)
-    hands = nodes[holders, seen]
+    seen = (
+        slice(None) if scene.grasp is not None and scene.grasp.keypoints else slice(2)
+    )  # tilted: along its own axes
+    hands = scene.nodes_at("start")[holders, seen]
     middle = hands.mean(axis=0)
     # the smallest change of equal shares that moves their mean place there; symmetric loads get equal ones exactly
-    center = _center_of_mass(nodes, edges, radii, solids)[seen]
-    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (center - middle)
+    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (_center_of_mass(scene)[seen] - middle)
     shares[holders] += change.round(12)
     return shares
 
 
-def _center_of_mass(nodes: Array, edges: Integers, radii: Array, solids: Integers) -> Array:
+def _center_of_mass(scene: Scene) -> Array:
     """Return the centre of mass of a load of one density at the start; array, shape (3,) [m].
 
     A mesh has that of its polytopes, whose overlaps count as often as in simulations; sheets have a thickness there.
     """
-    if len(solids):
-        volumes, centers = zip(*(_volume(nodes[np.unique(solid)]) for solid in solids), strict=True)
+    nodes, body = scene.nodes_at("start"), scene.body
+    if len(body.solids):
+        volumes, centers = zip(*(_volume(nodes[np.unique(solid)]) for solid in body.solids), strict=True)
         return np.asarray(np.average(centers, axis=0, weights=volumes))
-    rods = edges[:, 0] != edges[:, 1]
-    first, second = nodes[edges[rods]].transpose(1, 0, 2)
-    along, radius = np.linalg.norm(second - first, axis=1), radii[rods]
+    rods = body.edges[:, 0] != body.edges[:, 1]
+    first, second = nodes[body.edges[rods]].transpose(1, 0, 2)
+    along, radius = np.linalg.norm(second - first, axis=1), body.radii[rods]
     volume = np.where(radius > 0.0, radius**2 * (along + 4.0 / 3.0 * radius), along)
     return np.asarray(np.average(0.5 * (first + second), axis=0, weights=volume))
 

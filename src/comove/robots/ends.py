@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comove.arrays import Array, Integers, coordinates
+from comove.arrays import Array, Integers, listed
 from comove.compiled import kernel
 from comove.contacts.displaced import RESTING
 from comove.errors import SceneError
@@ -446,7 +446,7 @@ class EndJoints:
         return unfit(
             self.scene,
             f"manipulators.{end}",
-            f"the arm '{arm.name}' cannot reach its {end} at {coordinates(point)}: "
+            f"the arm '{arm.name}' cannot reach its {end} at {listed(point, 3)}: "
             f"{shift:.3g} m and {turn:.3g} degrees are missing",
             way_out,
         )

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from comove.arrays import coordinates
+from comove.arrays import listed
 from comove.io.keys import Direction, Length, PositiveLength, Sparse, Wrong, no_minus_zero
 from comove.model.constraints.constraint import (
     ROUNDING,
@@ -363,8 +363,8 @@ class DirectionConstraint(PoseConstraint):
     def reason(self, error: float, names: Sequence[str]) -> str:
         """Return in words how far the payload leans."""
         off = f"by up to {degrees(error):.3g} deg" if np.isfinite(error) else "by more than can be bounded"
-        axis = coordinates(self.world, 4)
-        return f"the payload leans {off} from [{axis}] (tolerance {degrees(self.tolerance):g} deg)"
+        axis = listed(self.world, 4)
+        return f"the payload leans {off} from {axis} (tolerance {degrees(self.tolerance):g} deg)"
 
 
 @dataclass(frozen=True, eq=False)

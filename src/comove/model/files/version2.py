@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from comove.arrays import Array, coordinates
+from comove.arrays import Array, listed
 from comove.errors import SceneError
 from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation
 from comove.io.keys import (
@@ -203,7 +203,7 @@ class Oriented(Turned):
                 raise Wrong(
                     f"the fingers close along {show(self.closing)}, which is not across the approach "
                     f"{show(self.approach)}",
-                    f"write closing: [{coordinates(across, 6)}]",
+                    f"write closing: {listed(across, 6)}",
                 )
         return self
 

@@ -52,7 +52,7 @@ def optimise(
     over: Callable[[], bool] = lambda: False,
     known: float = np.inf,
 ) -> ConvexOutcome:
-    """Optimise shape weights until steps bring no gain, or another motion is certain to be better.
+    """Optimise shape weights until steps bring no gain, or another motion is most likely to stay better.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def optimise(
     reference : array, shape (n_fine, n_columns), movement without contact about which the first clearances are
         linearised; that of `z` unless given
     over : function that is called before every programme and returns whether to end
-    known : value of another motion
+    known : value of that other motion
     """
     radius, mu, need = settings.radius, settings.slack_cost, programme.need(settings)
     here = stand(programme, cost, z, settings, need, radius, reference)
