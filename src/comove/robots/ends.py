@@ -447,7 +447,7 @@ class EndJoints:
             self.scene,
             f"manipulators.{end}",
             f"the arm '{arm.name}' cannot reach its {end} at {listed(point, 3)}: "
-            f"{shift:.3g} m and {turn:.3g} degrees are missing",
+            f"{shift:.3g} m and {round(float(turn), 2):.3g} degrees are missing",
             way_out,
         )
 
