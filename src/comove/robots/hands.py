@@ -6,7 +6,7 @@ The links of a hand are rigid with its grasp frame, so where two hands are to ea
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,23 +24,42 @@ FARTHEST = 1.0
 
 
 class _Hand(NamedTuple):
-    """The links that move rigidly with a grasp frame: numbers, shapes, places in it, and the radius about it [m]."""
+    """The links that move rigidly with a grasp frame.
+
+    Attributes
+    ----------
+    links : their numbers
+    shapes, hulls, places : shapes, their convex hulls where they are meshes, and placements in the grasp frame
+    centers, radii : arrays, shapes (n_links, 3) and (n_links,), balls that hold them, in the grasp frame [m]
+    """
 
     links: tuple[int, ...]
     shapes: tuple[Any, ...]
+    hulls: tuple[Any, ...]
     places: tuple[Any, ...]
-    radius: float
+    centers: Array
+    radii: Array
 
 
 @lru_cache(maxsize=32)
 def _hand_of(robot: Robot, name: str) -> _Hand:
     joint, grasp = robot.grasp_frame(robot.arm(name))
-    links = [k for k, item in enumerate(robot.collision.geometryObjects) if item.parentJoint == joint]
-    items = [robot.collision.geometryObjects[k] for k in links]
-    solids = [links_of(robot).bodies[k].solid for k in links]
-    away = [np.linalg.norm(solid.center - grasp.translation) + solid.radius for solid in solids]
-    places = tuple(grasp.actInv(item.placement) for item in items)
-    return _Hand(tuple(links), tuple(item.geometry for item in items), places, float(max(away, default=0.0)))
+    numbers = [k for k, item in enumerate(robot.collision.geometryObjects) if item.parentJoint == joint]
+    links = [links_of(robot).bodies[k] for k in numbers]
+    return _Hand(
+        tuple(numbers),
+        tuple(link.item.geometry for link in links),
+        tuple((link.hull or link).item.geometry for link in links),
+        tuple(grasp.actInv(link.item.placement) for link in links),
+        np.array([grasp.actInv(link.solid.center) for link in links]).reshape(-1, 3),
+        np.array([link.solid.radius for link in links]),
+    )
+
+
+@lru_cache(maxsize=8)
+def _apart(robot: Robot) -> frozenset[frozenset[int]]:
+    """Return the pairs of links that may not touch."""
+    return frozenset(map(frozenset, links_of(robot).pairs.tolist()))
 
 
 def collision_of_hands(
@@ -56,8 +75,6 @@ def collision_of_hands(
     for i, j in combinations(range(len(arms)), 2):
         first, second = _hand_of(robot, arms[i].name), _hand_of(robot, arms[j].name)
         gap = float(np.linalg.norm(points[j] - points[i]))
-        if gap > first.radius + second.radius + required:
-            continue
         frames = [pin.SE3(rotations[k], points[k]) for k in (i, j)]
         if (near := _near(robot, first, second, frames, required)) is None:
             continue
@@ -75,12 +92,20 @@ def collision_of_hands(
 
 def _near(robot: Robot, first: _Hand, second: _Hand, frames: list[Any], required: float) -> str | None:
     """Return the names of links of two hands that are too near at poses of their grasp frames; None if none are."""
-    apart = {frozenset(pair) for pair in links_of(robot).pairs.tolist()}
-    for a, b in product(range(len(first.links)), range(len(second.links))):
+    one, two = (
+        hand.centers @ frame.rotation.T + frame.translation
+        for hand, frame in zip((first, second), frames, strict=True)
+    )
+    away = np.linalg.norm(one[:, None] - two, axis=2) - first.radii[:, None] - second.radii
+    for a, b in np.argwhere(away < required).tolist():
         links = first.links[a], second.links[b]
-        if frozenset(links) not in apart:
+        if frozenset(links) not in _apart(robot):
             continue
         placed = [frames[0] * first.places[a], frames[1] * second.places[b]]
+        if (
+            distance_of([first.hulls[a], second.hulls[b]], placed) >= required
+        ):  # meshes take a hundred times as long
+            continue
         if distance_of([first.shapes[a], second.shapes[b]], placed) < required:
             return " and ".join(links_of(robot).bodies[k].name for k in links)
     return None
