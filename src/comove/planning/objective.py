@@ -1,14 +1,14 @@
-"""The objective, equation (4) of the paper, and the penalties of the search, in one pass over a population.
+"""Equation (4) of the paper and search penalties, evaluated over a population.
 
 In unit duration and with T samples,
 
     J = c_goal 1/T sum_t sum_i |y_i - g_i|^2 + c_vel (T-1)^2/T sum_t sum_i |y_i(t+1) - y_i(t)|^2
-        + c_obst 1/T sum_t sum_m I(the load or a hand is in obstacle m at t)
+        + c_obst 1/T sum_t sum_m I(the payload or an end effector is in obstacle m at t)
         + c_res 1/T sum_t sum_i |y_i - d_i|^2
 
 where d_i is the demonstration transferred to manipulator i. The indicator I is reported; a search minimises a penalty
-of penetration with a slope in its place (`ContactPenalty`), which is evaluated between the samples too. Hands that
-must stay apart are treated alike: their distance beyond the separation counts as a clearance.
+of penetration with a slope in its place (`ContactPenalty`), which is evaluated between the samples too. End effectors
+that must stay apart are treated alike: their distance beyond the separation counts as a clearance.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ class Objective:
         )
 
     def search_value(self, evaluation: Evaluation) -> Array:
-        """Return what a search minimises: cost plus penalties of obstacles and limits; shape (n_rollouts,)."""
+        """Return the search objective: cost plus penalties of obstacles and limits; shape (n_rollouts,)."""
         value = evaluation.cost + evaluation.penalty
         speed, acceleration = self.limit_ratios(evaluation)
         near = self.penalty.near
@@ -252,7 +252,7 @@ def _evaluate(around, nodes, n_hands, moved, offsets, taught, cost_weights, cont
 
 @kernel(counted=False)
 def _obstacle_penalty(around, x, moved, contact, needed, scratch):
-    """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
+    """Return a rollout's penalty, least clearance and mean number of touched obstacles. The clearance is capped.
 
     Parameters
     ----------
@@ -260,8 +260,8 @@ def _obstacle_penalty(around, x, moved, contact, needed, scratch):
     x : array, shape (n_steps, n_nodes, 3) [m]
     moved : Displacements of the obstacles at the steps
     contact : ContactPenalty, whose margin is one of the clearance itself
-    needed : clearance that the scene asks for [m]
-    scratch : arrays for things that are near, for directions of `Query`, for nodes, and for distances by obstacle
+    needed : clearance that the scene requires [m]
+    scratch : arrays for near things, directions of `Query`, keypoints, and distances by obstacle
     """
     margin, n_steps, n_rows = contact.margin, x.shape[0], around.obstacles.shape[0]
     near, normals, pose, least_of = scratch
@@ -323,7 +323,7 @@ def _longest(x, t, after):
 
 @kernel(counted=False)
 def _between(x, t, after, f, out):
-    """Write the points of x at a share f of the time between two samples."""
+    """Write the points of x at a share f between two samples."""
     for n in range(x.shape[1]):
         for axis in range(3):
             out[n, axis] = x[t, n, axis] + f * (x[after, n, axis] - x[t, n, axis])
@@ -331,7 +331,7 @@ def _between(x, t, after, f, out):
 
 @kernel(counted=False)
 def chord_distance(x, t, after, i, j):
-    """Return the least distance [m] of the hands i and j while both go straight from sample t to sample `after`."""
+    """Return the least distance [m] of two end effectors between two samples. Both move straight."""
     along, step = 0.0, 0.0
     for axis in range(3):
         here, there = x[t, i, axis] - x[t, j, axis], x[after, i, axis] - x[after, j, axis]

@@ -1,13 +1,13 @@
-"""Distance of a motion from a demonstration, weighed by the precision of a distribution of movements.
+"""Distance of a motion from a demonstration, weighted by its precision.
 
-Where people agree, a deviation costs much; where they vary, little; and hands that moved together may deviate
-together. In unit duration the pull of `LeastJerk` becomes
+Where demonstrations agree, a deviation costs much; where they vary, little; and end effectors that moved together may
+deviate together. In unit duration the weighted deviation of `LeastJerk` becomes
 
     pull / L^2  integral (y - d)' W(s) (y - d) ds,    W(s) = v (C(s) + e v 1)^-1,
 
-with C(s) the covariance of all hands at the instant s, transferred to the scene, v its mean variance over instants
-and coordinates, and e the square of `least_spread`. A deviation in a direction in which people vary as much as on
-average costs what it costs without a distribution.
+with C(s) the covariance of all end effectors at the instant s, transferred to the scene, v its mean variance over
+instants and coordinates, and e the square of `least_spread`. A deviation in a direction in which demonstrations vary
+as much as on average costs what it costs without a distribution.
 """
 
 from __future__ import annotations
