@@ -108,7 +108,13 @@ def listed(constraints: object) -> tuple:
 
 
 def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
-    """Transfer a demonstration to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3) [m]."""
+    """Transfer a demonstration to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3) [m].
+
+    Raises
+    ------
+    OptionError
+        If a movement has not the scene's dimension.
+    """
     for one in [dmp] if isinstance(dmp, DMP) else dmp:
         require_dimension(one.n_dims, scene)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))

@@ -96,7 +96,12 @@ class Kinematics:
         return value
 
     def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function of a movement's number: its penalty, and whether it seems possible."""
+        """Return a function of a movement's number: its penalty, and whether it seems possible.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), end effectors first, evenly spaced in time [m]
+        """
         return lambda k: (0.0, True)
 
     def shortest(self, motion: CoordinatedMotion) -> float:

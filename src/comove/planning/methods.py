@@ -280,7 +280,12 @@ class Comove(Method):
         return bool(starts)
 
     def _smooth(self, search: Search, plans: Plans) -> bool:
-        """Smooth planned paths and the demonstration; return whether a good motion was found."""
+        """Smooth planned paths and the demonstration; return whether a good motion was found.
+
+        The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
+        smoothed first: long paths seldom make good motions. In the plane, those that can be deformed into a known
+        motion would become the same. Where one path is enough, that of the demonstration is.
+        """
         failures = idle = met = smooth = 0
         known = list[tuple[Array, float]]()
         space, ends = plans.space, plans.ends
@@ -478,7 +483,12 @@ class Quick(Comove):
 
 @dataclass(frozen=True)
 class Guide(Quick):
-    """A method for callers that keep the limits. It accepts motions without contact that are too fast."""
+    """A method for callers that keep the limits. It accepts motions without contact that are too fast.
+
+    Attributes
+    ----------
+    excess : largest accepted ratio of a rate to its limit
+    """
 
     name: ClassVar[str] = "guide"
     n_unfit: float = np.inf

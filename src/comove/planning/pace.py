@@ -56,7 +56,10 @@ def would_do(needed: float) -> str:
 
 
 def least_possible(scene: Scene) -> float:
-    """Bound any motion's duration [s] from below. Straight lines from rest to rest keep each limit by itself."""
+    """Bound any motion's duration [s] from below. Straight lines from rest to rest keep each limit by itself.
+
+    For scenes that continue another movement no bound is known, and the result is 0.
+    """
     if scene.begins > 0 or any(group.start_twist.any() for group in scene.groups):
         return 0.0
     way = float(np.linalg.norm(scene.goal - scene.start, axis=1).max())

@@ -183,10 +183,12 @@ class Journal:
 class Candidates:
     """A population of rollouts, best first.
 
+    The kinematics of arms are slow: they evaluate one rollout after the other, and only while the result may change
+    which one is next. All others count as impossible.
+
     Attributes
     ----------
-    objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties as far as they
-        were asked for
+    objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties evaluated so far
     possible : array, shape (n_rollouts,), whether the kinematics may execute them
     unasked : functions that return penalty and possibility, by the number of the rollout
     """

@@ -410,7 +410,14 @@ def linearised(blocks, contacts, q, off, shape, rows, distance):
 
 @kernel
 def hand_slopes(blocks, block, nodes, q, n_hands):
-    """Return the end effectors' derivatives by column; array, shape (n_samples, n_hands, n_dims, n_columns)."""
+    """Return the end effectors' derivatives by column; array, shape (n_samples, n_hands, n_dims, n_columns).
+
+    Parameters
+    ----------
+    block : array of int, shape (n_nodes,), block that moves each keypoint
+    nodes : array, shape (n_samples, n_nodes, 3) [m]
+    q : array, shape (n_samples, n_columns)
+    """
     n_samples, n_columns = q.shape
     slopes = np.zeros((n_samples, n_hands, blocks.n_dims, n_columns))
     turns, arm = np.empty((4, 3)), np.zeros(3)

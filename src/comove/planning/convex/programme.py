@@ -270,7 +270,10 @@ class ConvexProgramme:
         return self.of_free(found).ravel()
 
     def need(self, settings: ConvexSettings) -> Array:
-        """Return the required distances, in the order of `Seen.depth`."""
+        """Return the required distances; array, shape (n_owners + 2 + n_leaning + n_kinds,) [m].
+
+        They are in the order of `Seen.depth`.
+        """
         need = np.full(self.load.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
         need = np.append(need, self.leaning.required(settings.margin))
@@ -307,7 +310,12 @@ class ConvexProgramme:
         return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
 
     def moves_of_hands(self, q: Array, nodes: Array) -> Moves:
-        """Return end effectors' derivatives at coarse samples by the shape weights."""
+        """Return end effectors' derivatives at coarse samples by the shape weights.
+
+        Parameters
+        ----------
+        q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3) [m]
+        """
         n_hands = len(self.scene.manipulators)
         slopes = hand_slopes(self.coordinates.blocks, self.load.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
