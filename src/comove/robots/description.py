@@ -200,7 +200,7 @@ class ArmDescription(Sparse):
 
 
 class JointLimits(Sparse):
-    """Limits of a joint that replace those of the URDF [rad or m, s, N m or N]."""
+    """Joint limits in place of the URDF's. Units are rad or m, s, N m or N."""
 
     LATER = ("jerk", "soft_lower", "soft_upper", "k_position")
 
@@ -270,7 +270,7 @@ def bundled_robots() -> tuple[str, ...]:
 
 
 def find_description(robot: str | Path, folder: Path | None = None) -> Path:
-    """Return the file of a robot, given the name of a bundled one or a path (relative to `folder`, if given).
+    """Return the file of a bundled robot or a path. Relative paths start at `folder`, if given.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def find_description(robot: str | Path, folder: Path | None = None) -> Path:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether there is such a file; its name may be impossible."""
+    """Return whether there is such a file. Its name may be impossible."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long, or has a zero byte
@@ -305,7 +305,7 @@ def load_description(path: Path) -> RobotFile:
     Raises
     ------
     RobotError
-        If there are errors; the message names file, key, line, value and way out of the first three.
+        If there are errors; the message names file, key, line, value and hint of the first three.
     """
     require_description(path)
     try:
