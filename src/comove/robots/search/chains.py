@@ -332,7 +332,7 @@ def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Arr
 
 @kernel
 def spare(chains: Chains, j: int, keep: float) -> float:
-    """Return joint j's margin to its limits [rad or m], at most `keep`."""
+    """Return joint j's margin to its limits, at most `keep` [rad, m]."""
     return min(keep, 0.5 * (chains.upper[j] - chains.lower[j]))
 
 

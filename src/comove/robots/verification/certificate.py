@@ -141,7 +141,7 @@ class CarryCourse:
         return frames(self.bodies, self.curve(time), self.load.nodes(time), time)
 
     def intervals(self, number: Integers, parts: int) -> tuple[Intervals, Array]:
-        """Return numbered ones of `parts` intervals, their ends and middles [s]. `number` is (n_intervals,)."""
+        """Return intervals by `number`, (n_intervals,), with ends and middles, (n_instants,) [s]."""
         last, knots = float(self.curve.x[-1]), 2 * number[:, None] + np.arange(3)
         knots, knot = np.unique(knots, return_inverse=True)
         time = last * knots / (2 * parts)
