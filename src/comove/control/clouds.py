@@ -226,7 +226,7 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
 
 
 def _on_box(half: Array, spacing: float) -> Array:
-    """Return points on a centred box of half edges `half`; array, shape (n_points, 3) [m]."""
+    """Return points on a centred box; array, shape (n_points, 3) [m]. `half` has its half edges (n_dims,)."""
     grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
     faces = []
     for axis, h in enumerate(half):

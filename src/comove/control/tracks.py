@@ -190,7 +190,7 @@ def moved(memory: Memory, time: float, agility: float) -> Memory:
 
 
 def margins(memory: Memory, time: float, scanner: Scanner) -> Array:
-    """Return points' possible distances outside their spheres later; array, shape (n_spheres,) [m].
+    """Return points' possible distances outside their spheres at `time` [s]; array, shape (n_spheres,) [m].
 
     The points themselves are known up to the noise, which the radii include; the margin is for their motion since.
     """

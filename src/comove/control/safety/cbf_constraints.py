@@ -369,7 +369,7 @@ def _objective(qp: QP, center: Array, wanted: Array) -> None:
 
 @kernel
 def write_along(basis: Array, center: Array, p: Array, normal: Direction, sign: float, row: Array) -> None:
-    """Write in a row a point's velocity along a normal, by variable.
+    """Write a point's [m] velocity along a normal, by variable.
 
     Parameters
     ----------
@@ -393,7 +393,7 @@ def write_along(basis: Array, center: Array, p: Array, normal: Direction, sign: 
 
 @kernel
 def speed_along(sighting: Sighting, j: int, p: Array, normal: Direction) -> float:
-    """Return the velocity [m/s] of obstacle j's point p along a normal."""
+    """Return the velocity [m/s] along a normal of obstacle j's point [m]."""
     table, velocity, spin, _ = sighting
     x, y, z = p[0] - table[j, CENTER], p[1] - table[j, CENTER + 1], p[2] - table[j, CENTER + 2]
     return (

@@ -89,7 +89,7 @@ class Limits:
 
 @kernel
 def _sizes(rates, n_dims):
-    """Return the norms of end effectors' rates; array, shape (n, n_hands)."""
+    """Return the norms of rates (n, n_hands * n_dims); array, shape (n, n_hands)."""
     sizes = np.zeros((rates.shape[0], rates.shape[1] // n_dims))
     for row in range(sizes.shape[0]):
         for hand in range(sizes.shape[1]):
