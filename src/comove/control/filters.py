@@ -25,10 +25,10 @@ class Expectations(NamedTuple):
 
     Attributes
     ----------
-    agility : spectral density of the accelerations that are not turns, of obstacles that do not stand still [m^2/s^3]
+    agility : spectral density of the accelerations that are not turns, of moving obstacles [m^2/s^3]
     fastest, sharpest : standard deviations of velocities and angular velocities [m/s], [rad/s]
     calm : factor on the density in the steady filter
-    slow, rest : share of `fastest` below which the density falls, and its factor for what rests
+    slow, rest : share of `fastest` below which the density falls, and its factor at rest
     drift : share of an angular velocity that is to be expected by which it changes within a second
     forgets : factor on the logarithm of the likelihood ratio per measurement
     ratio : natural logarithm of the likelihood ratio from which on the motion has changed

@@ -55,7 +55,7 @@ class ExecutionLog:
     blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
         border, the number of the file's obstacles for all else that is seen
     relaxed : by how much the safety filter had to relax its rows at most [m/s]
-    stopped : number of control steps in which arms had to stand at once
+    stopped : number of control steps in which arms had to stop at once
     evaluations, generations : totals of all plans
     first_plan : computing time until the first plan was found [s], None where there was none
     """
@@ -300,7 +300,7 @@ class ControlLoop:
         self.replanner.advance(self, pace)
 
     def _pace(self, reference: Setpoint, lag: float) -> float:
-        """Return the share of the reference's pace at which it goes on."""
+        """Return the reference's time scaling, 0 to 1."""
         return 1.0
 
     def _joint_state(self, reference: Setpoint, pace: float) -> JointState:

@@ -95,7 +95,7 @@ class Functions(Observer):
     Parameters
     ----------
     scene : the scene to which the obstacles belong
-    positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it stands still
+    positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it is static
     instant, turn : times over which velocities, and their turning, are taken [s]
     sharpest : angular velocity of a turn that is still expected to go on [rad/s]
 

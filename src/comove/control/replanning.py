@@ -67,11 +67,11 @@ class ExecutionSettings:
     Attributes
     ----------
     longer : factors on the shortest duration worth trying, tried in turn
-    hurry : duration of the shortest plan, as a multiple of the way at the speed limit
+    hurry : duration of the shortest plan, as a multiple of the path's at the speed limit
     shortest : least duration of a plan [s]
     catch_up : time constant of the return to a plan [s]
     homing, caution : time constant of the approach to the goal without a plan [s], and share of the speed limit
-    lost : distance behind a plan that was meant for something else [m]
+    lost : distance behind a plan at which it is discarded [m]
     spare : kept on top of the scene's clearance, as an execution is verified between its steps as well [m]
     n_remembered : configurations of the last plan that the next one may use
     at_leisure : method of the first plan, while nothing moves yet

@@ -81,15 +81,15 @@ class Scanner:
     spacing : largest distance of neighbouring points on a surface [m]
     detail : largest distance of a sphere's surface from the points seen, apart from noise and spacing [m]
     most : largest number of spheres
-    own : distance within which points belong to the load or a hand, or to an obstacle of the file [m]
+    own : distance within which points belong to the payload or an end effector, or to an obstacle of the file [m]
     memory : time for which obstacles out of sight are kept [s]
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
     fastest : standard deviation of a velocity that is not known yet [m/s]
     sigmas : margin for noise and unknown motion, in standard deviations
     around : distance beyond the workspace up to which points count [m]
     future : time by which a cloud may be ahead of the clock [s]
-    history : time for which it is known where the load was [s]
-    association : how points are associated with what was seen before
+    history : time for which the payload's places are stored [s]
+    association : settings of the association of points with tracks
     """
 
     noise: float = 0.002

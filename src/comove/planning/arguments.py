@@ -128,7 +128,7 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
     Raises
     ------
     OptionError
-        If a manipulator has no movement, a movement is for no manipulator, or something given is no movement.
+        If a manipulator has no movement, a movement is for no manipulator, or an argument is no movement.
     """
     if demonstration is None:
         return None

@@ -75,7 +75,7 @@ def best_movement(
     ----------
     movements : a library, primitives, or DMPs (by name, or numbered); those of another dimension than the scene's,
         of joints, and rhythmic ones, are left out
-    scene : scene to whose hands each movement is transferred, as `solve` does
+    scene : scene to whose end effectors each movement is transferred, as `solve` does
     objective : weights of equation (4)
     plane : "xy", "xz" or "yz", plane into which planar movements are laid in a spatial scene
 

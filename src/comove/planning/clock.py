@@ -72,7 +72,7 @@ class Budget:
         return self.seconds <= 0.0 or self.work <= 0.0
 
     def after(self, seconds: float, work: float = 0.0) -> Budget:
-        """Return what is left after so much; how long it took does not change the size."""
+        """Return the rest of the budget after some seconds and work. The time spent does not change the size."""
         left = max(self.size - work, 0.0)
         return replace(self, seconds=self.seconds - seconds, work=self.work - work, size=left)
 

@@ -75,11 +75,12 @@ class Space(NamedTuple):
     around : payload and all that it must not touch
     resting : displacements of obstacles that are where they are at 0 s: none
     query : things and accuracy of clearances
-    required : clearance that the scene asks for [m]
+    required : clearance that the scene requires [m]
     cap : largest clearance that is computed [m]
     clock : clock of the budget; no configuration is free after its deadline
     parts : array, shape (DEPTH, 2), scratch of the check of one edge
-    found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
+    found : array, shape (2,), numbers of paths found by RRT-Connect and by the multi-tree RRT, which the planner
+        counts
     settings : settings of the search
     """
 

@@ -34,7 +34,7 @@ class Kinematics:
 
     Attributes
     ----------
-    has_limits : whether it limits motions besides the scene; then it plans, and is asked about movements
+    has_limits : whether it limits motions besides the scene; then it plans, and evaluates movements
     work_of_rollout, work_of_check : work of asking about a movement, and of verifying a motion
     """
 

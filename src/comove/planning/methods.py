@@ -517,7 +517,7 @@ class Plans(NamedTuple):
     ----------
     space : configuration space of the payload
     ends : boundary of the motions, as in `CoordinatedMotion`
-    targets : what plans
+    targets : planner
     in_time : whether plans are in time as well
     """
 

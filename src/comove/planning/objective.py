@@ -55,7 +55,7 @@ class Cost:
 class ContactPenalty(NamedTuple):
     """The penalty of obstacles in a search: ``slope * max(0, margin - d) + step * (d <= 0)``.
 
-    Here d is the clearance beyond the one that the scene asks for (`limits.clearance`).
+    Here d is the clearance beyond the scene's (`limits.clearance`).
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class ContactPenalty(NamedTuple):
     limits : share of the speed and acceleration limits that the search keeps to
     near : share of the speed limit, lowered by `limits`, from which on a motion counts as too fast
     between, parts : distance between poses that are checked [m], and most of them between two samples
-    tolerance : of the distance along a load's edge [m]
+    tolerance : of the distance along a payload's edge [m]
     """
 
     margin: float = 0.01
@@ -88,10 +88,11 @@ class Evaluation(NamedTuple):
     cost : J without its obstacle term
     penalty : penalty of obstacles, the border and separations
     clearance : least clearance that was found [m], capped at the scene's clearance plus the margin (at least a
-        millimetre); for hands that must stay apart, the scene's clearance plus their distance beyond the separation
+        millimetre); for end effectors that must stay apart, the scene's clearance plus their distance beyond the
+        separation
     hits : mean number of touched obstacles over the samples, the indicator term of (4)
-    speed : largest speed of a hand [m/s]
-    acceleration : largest acceleration of a hand [m/s^2]
+    speed : largest speed of an end effector [m/s]
+    acceleration : largest acceleration of an end effector [m/s^2]
     terms : array, shape (n_rollouts, 3), terms of goal, velocity and resemblance
     possible : whether the kinematics can execute the rollout
     """
@@ -138,7 +139,7 @@ class Objective:
         Parameters
         ----------
         q : array, shape (n_rollouts, n_columns, n_steps)
-        size : size of the load, 1 for the real one
+        size : size of the payload, 1 for the real one
         """
         nodes = self.coordinates.nodes(q, size)
         return self.evaluate_nodes(nodes, self.scene.displacements_along(nodes.shape[1]))

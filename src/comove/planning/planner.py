@@ -40,7 +40,8 @@ class ForestSettings(NamedTuple):
     ----------
     n_bridges, bridges : number of bridges before other nodes are added, and their share afterwards
     slides : lengths of slides between two obstacles, in terms of the reach
-    retractions, settling : random steps by which a pose in collision may escape, and by which a bridge finds room
+    retractions, settling : random steps by which a pose in collision may escape, and by which a bridge gains
+        clearance
     projections : projections onto each of two obstacles, for points that face each other
     in_place, stays : limits that keep a bridge in its window: of its steps, in terms of the usual step, and of all of
         them together, in terms of the reach
@@ -71,10 +72,11 @@ class PlannerSettings:
     Attributes
     ----------
     few_nodes : number of nodes of a first attempt: restarts beat long attempts
-    brief, brief_forest : numbers of nodes of brief attempts by RRT-Connect and the forest, for paths that are easy
-    sure : lead of the forest in paths found, after which RRT-Connect is not tried any more
+    brief, brief_forest : numbers of nodes of brief attempts by RRT-Connect and the multi-tree RRT, for paths that are
+        easy
+    sure : lead of the multi-tree RRT in paths found, after which RRT-Connect is not tried any more
     n_shortcuts : number of shortcuts that are tried
-    forest : settings of the forest
+    forest : settings of the multi-tree RRT
     """
 
     few_nodes: int = 1000

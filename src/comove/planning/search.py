@@ -90,7 +90,7 @@ class SearchClock:
     budget : bounds of the search
     started : time of `clock.now` at which the search began [s]
     compiled : counters of the kernels compiled since the start
-    interruption : flag of the user's wish to end
+    interruption : flag of the user's request to end
     array : deadline and count of work, which all kernels share
     """
 
@@ -281,7 +281,7 @@ class Search:
         """Return the basis of the motions that are searched.
 
         Where the scene limits the jerk it is that in the metric of jerk, whose accelerations do not jump at the ends,
-        unless another phase than the linear one is asked for.
+        unless another phase than the linear one is requested.
         """
         limited = np.isfinite((self.asked or self.scene).jerk_limit)
         if limited and phase in (None, LinearPhase()):
@@ -464,15 +464,14 @@ class Schedule:
     sigma : first step size
     generations : largest number of generations
     patience, gain : the optimisation ends after `patience` generations without a relative gain of `gain`
-    growth : generations over which the load grows to its full size, fewer while most samples are free; only
-        those count whose best sample touches nothing (if it must not). 0 for the full load at once. An optimisation
-        with growth ends with the first feasible free sample of the full load, or `patience` generations without
-        growth.
+    growth : generations over which the payload grows to its full size, fewer while most samples are free; only those
+        count whose best sample touches nothing (if it must not). 0 for the full payload at once. An optimisation with
+        growth ends with the first feasible free sample of the full payload, or `patience` generations without growth.
     enough : whether to end with the first feasible sample
     population : samples a generation
-    smallest_load : share of its size from which the load grows
+    smallest_load : share of its size from which the payload grows
     easy : generations that one counts as while most samples are free
-    smallest_step : least step size while the load grows, as a share of the first: it must be able to follow
+    smallest_step : least step size while the payload grows, as a share of the first: it must be able to follow
     """
 
     sigma: float

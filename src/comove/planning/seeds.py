@@ -49,7 +49,7 @@ def targets_along(space: Space, path: Array, *, gentle: bool) -> Array:
 
     Parameters
     ----------
-    path : array, shape (n_configurations, n_columns), in load coordinates, continuous
+    path : array, shape (n_configurations, n_columns), in payload coordinates, continuous
     gentle : whether to leave out the profiles that arrive early
 
     Returns
@@ -67,7 +67,7 @@ def fit(
 
     Parameters
     ----------
-    target : array, shape (n_targets, N_STEPS, n_columns), in load coordinates, continuous
+    target : array, shape (n_targets, N_STEPS, n_columns), in payload coordinates, continuous
     goal : array, shape (n_columns,), common end of the movements
     coordinates : coordinates of the primitive
 

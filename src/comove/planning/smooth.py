@@ -44,10 +44,10 @@ class SmoothingSettings:
     fast, fastest : weights a column, and samples, of motions in least time, and of the best of them, as fast motions
         use their limits to the full
     most_weights : weights of all columns: programmes of more take seconds and gain a percent
-    pulls : of hands to the planned path, where arms must follow it
+    pulls : of end effectors to the planned path, where arms must follow it
     shares : of the pull to a demonstration, one after the other, where arms must follow
-    roughly : trust region below which that ends: what is nearer arms reach by chance only [m]
-    parts : of the way there that are tried: stretched arms have to turn fast
+    roughly : trust region below which that ends, as arms succeed by chance only below [m]
+    parts : of the path there that are tried: stretched arms have to turn fast
     alike : relative difference in jerk of motions that a demonstration draws to the same one
     hopeless : penetration from which on more margin does not help [m]
     unmet : relative excess, summed over limits, beyond which the duration is too short

@@ -1,9 +1,9 @@
 """Tree search and shortcuts for planners of every kind: RRT-Connect (Kuffner and LaValle, 2000).
 
-A *world* answers seven questions about *nodes*: configurations of a payload with the joints of arms that carry it and
-with times, where there are such (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The
-former is a named tuple, whose answers are kernels; the latter is a Python object with methods of these names, for
-which the searches run uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
+A *world* answers seven questions about *nodes*: configurations of a payload with the joints of its arms and with
+times, if any (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The former is a named tuple,
+whose answers are kernels; the latter is a Python object with methods of these names, for which the searches run
+uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
 """
 
 from __future__ import annotations

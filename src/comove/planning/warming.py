@@ -38,7 +38,7 @@ class WarmUpJob:
     Attributes
     ----------
     home : module, and its function that solves the problem
-    arguments : what that is called with
+    arguments : arguments of that function
     kernels : about how many are compiled for it, for progress alone
     needs : modules of extras without which there is no such problem
     """

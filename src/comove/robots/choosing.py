@@ -65,7 +65,7 @@ class Reach:
     def ranked(self) -> list[tuple[GraspOption, float]]:
         """Return the options within reach of all arms, best first.
 
-        Each comes with the turn of its goal. Those by which more grasps hold the payload precede all others.
+        Each has the turn of its goal. Those by which more grasps hold the payload precede all others.
         """
         found, n_far = list[tuple[int, float, int, GraspOption, float]](), self.scene.n_far.tolist()
         for k, choice in enumerate(self.scene.file.choices or ()):

@@ -258,7 +258,7 @@ class EndJoints:
         return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
     def branches(self, end: str) -> tuple[Array, ...]:
-        """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and
+        """Compute the joint positions at an end, by arm; those in which its capsules have contacts come last, and
         those in which the arm by itself does are kept only if there are no others.
 
         Returns

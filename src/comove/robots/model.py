@@ -267,7 +267,7 @@ def _require_grippers_apart(robot: Robot) -> None:
 
 
 def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
-    """Build all models as one, with guessed masses in the sources. The models stand on their bases."""
+    """Build all models as one on their bases, with guessed masses."""
     with tempfile.TemporaryDirectory() as folder:
         loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
         sources, models, geometries = zip(

@@ -84,7 +84,7 @@ def present_joints(given: Joints | None, robot: Robot, key: str = "present") -> 
     Parameters
     ----------
     given : a value for each moving joint of the robot [rad, m]
-    key : name of what is given, for messages
+    key : name of the argument, for messages
 
     Returns
     -------

@@ -55,7 +55,7 @@ class JointSolution:
     Attributes
     ----------
     robot : the robot
-    attempt : the verified joint motion, or the one that comes nearest to a verified one
+    attempt : the verified joint motion, or the one nearest to a verified one
     verdict : result of the verification of `attempt`
     transfers : approach and release, where requested and found
     without : reasons why a requested one was not found
@@ -368,7 +368,7 @@ def _clear_ways(
 ) -> Iterator[tuple[Scene, RobotCarrier]]:
     """Yield grasps and placements that are clear at the ends, likeliest first.
 
-    With each comes its carrier, in some duration. Those come first by which more grasps hold the payload. Where a
+    Each has a carrier, in some duration. Those come first by which more grasps hold the payload. Where a
     scene leaves many open, they are ranked by the reach of each arm, and the first few clear ones by their joint
     rotations.
 

@@ -76,7 +76,7 @@ class Transfers(Sealed):
     Attributes
     ----------
     carry : VerifiedJointMotion between approach and release
-    approach, release : JointMotion of all joints; None for one that was not asked for
+    approach, release : JointMotion of all joints; None for one that was not requested
     grip_time : time in which grippers close at the end of the approach, and open at the beginning of the release [s]
     clearance_min : certified lower bound of the clearance on both [m], except of grippers from the payload on the
         straight parts

@@ -146,7 +146,7 @@ def read_source(
     Raises
     ------
     RobotError
-        If something is missing or cannot be used.
+        If a file is missing or cannot be used.
     """
     path = resolve(source.urdf, file)
     with errors_in(path):

@@ -81,8 +81,8 @@ class CertificateSettings:
     strays, most_knots : knots are added until points of turning obstacles stray from their chords by less [m], and at
         most so many; this makes bounds tight, and is not needed for them to hold
     most_cells, most_halves : cells of edges, and halves of intervals of solids and triangles, each of which takes a
-        search for a direction, for all that stands and for each obstacle that moves; a bound that needs more is given
-        up as it stands, lower than it might be
+        search for a direction, for all static obstacles and for each moving one; a bound that needs more stays lower
+        than possible
     """
 
     loose: float = 1e-4

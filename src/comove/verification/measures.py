@@ -33,7 +33,7 @@ def unit_terms_of(position: Array) -> dict[str, float]:
 
     Parameters
     ----------
-    position : array, shape (n_steps, n_manipulators, n_dims), hands at even times [m]
+    position : array, shape (n_steps, n_manipulators, n_dims), end effectors at even times [m]
     """
     n_steps, away, moved = len(position), position - position[-1], np.diff(position, axis=0)
     return {
@@ -49,10 +49,11 @@ class Smoothness:
 
     Attributes
     ----------
-    jerk_max : upper bound of the jerk of a hand between start and end [m/s^3]; the others are sampled, not certified
-    jerk_squared : squared jerk of all hands, integrated over unit duration [m^2]
+    jerk_max : upper bound of the jerk of an end effector between start and end [m/s^3]; the others are sampled, not
+        certified
+    jerk_squared : squared jerk of all end effectors, integrated over unit duration [m^2]
     jerk_ratio : `jerk_squared` over that of straight minimum-jerk motions with the same ends (Flash and Hogan, 1985)
-    spectral_arc_length : mean over the hands' speeds (Balasubramanian et al., 2015): smoother if nearer to 0
+    spectral_arc_length : mean over the end effectors' speeds (Balasubramanian et al., 2015): smoother if nearer to 0
     halfway, nearly_there : fractions of the duration after which half and 95 % of the path are travelled
     """
 

@@ -116,20 +116,20 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class RecordSamples:
-    """A record of sampled hand positions from any source.
+    """A record of sampled end-effector positions from any source.
 
-    Hands go straight from sample to sample, and obstacles move as the scene says.
+    End effectors move straight from sample to sample, and obstacles as in the scene.
 
     Attributes
     ----------
-    scene : a scene whose load is determined by its hands, as bars and frames are
+    scene : a scene whose payload is determined by its end effectors, as bars and frames are
     time : array, shape (n_steps,), evenly spaced, from 0 [s]
-    position : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
+    position : array, shape (n_steps, n_manipulators, n_dims), positions of the end effectors [m]
 
     Raises
     ------
     OptionError
-        If the hands do not determine the load, or the arrays do not belong to the scene.
+        If the end effectors do not determine the payload, or the arrays do not belong to the scene.
     """
 
     scene: Scene
@@ -190,12 +190,13 @@ class ExecutionReport(Report):
     """The measures of an execution, between the steps too.
 
     Exceptions are velocities, which are averages over a step, and accelerations, the changes of these from one step
-    to the next. The jerk is not measured. Ends are missed by distances of hands: `end_error` is that of the goal.
+    to the next. The jerk is not measured. Errors at ends are distances of end effectors: `end_error` is that of the
+    goal.
 
     Attributes
     ----------
-    start_error : largest distance of a hand from the required start [m]
-    reasons : what is wrong, in words; empty for a correct execution
+    start_error : largest distance of an end effector from the required start [m]
+    reasons : faults in words; empty for a correct execution
     """
 
     start_error: float

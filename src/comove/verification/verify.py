@@ -150,7 +150,7 @@ class Sealed:
 
     Attributes
     ----------
-    MAKER, INSTEAD : the function that creates it, and what to do instead of pickling it, in words
+    MAKER, INSTEAD : the function that creates it, and a substitute for pickling it, in words
     """
 
     __slots__ = ()
@@ -186,26 +186,27 @@ class Report:
     Attributes
     ----------
     clearance_min : certified lower bound of the clearance [m]
-    distance_error_max : upper bound of the error of every distance constraint, those that a load or relative
+    distance_error_max : upper bound of the error of every distance constraint, those that a payload or relative
         poses imply included [m]
     end_error : largest miss of a start or a goal [m]
     end_speed : largest speed at the end [m/s]
-    speed_max : upper bound of a hand's speed [m/s]
-    acceleration_max : upper bound of a hand's acceleration [m/s^2]
-    separation_spare_min : lower bound of the spare of the hands' distances beyond the least that their separations
-        allow [m]; negative where one is broken
-    tilt_max : upper bound of the change of the tilt of a load that must stay upright [rad]
+    speed_max : upper bound of an end effector's speed [m/s]
+    acceleration_max : upper bound of an end effector's acceleration [m/s^2]
+    separation_spare_min : lower bound of the spare of the end effectors' distances beyond the least that their
+        separations allow [m]; negative where one is broken
+    tilt_max : upper bound of the change of the tilt of an upright payload [rad]
     height_error_max : upper bound of the difference of heights that must be the same [m]
     constraint_excess_max : upper bound of what errors of constraints of other kinds exceed their tolerance by, each
         in its own unit
-    jerk_max : upper bound of a hand's jerk, infinite where its acceleration jumps at the start or the end [m/s^3]
+    jerk_max : upper bound of an end effector's jerk, infinite where its acceleration jumps at the start or the end
+        [m/s^3]
 
     support_distance_min : lower bound of the distance from supports, near ends that rest on them [m]; there
         `clearance_min` is that from supports that recede (`comove.model.resting`)
     support_left, support_met : time from which the full clearance is kept from supports of the start, and until which
         it is kept from those of the goal [s]
 
-    All from `separation_spare_min` on are None where the scene asks for nothing of the kind.
+    All from `separation_spare_min` on are None where the scene requires none of the kind.
     """
 
     clearance_min: float

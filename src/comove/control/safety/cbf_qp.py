@@ -90,7 +90,7 @@ class JointState(NamedTuple):
     ----------
     position, before : arrays, shape (n_joints,), joints and their rates in the last step [rad, rad/s]
     wanted : array, shape (n_joints,), desired rates [rad/s]
-    bend : array, shape (n_joints,), what joints moved in the last step beyond the allowed rates, as end effectors go
+    bend : array, shape (n_joints,), motion of joints in the last step beyond the allowed rates, as end effectors go
         straight and joints round; the next step is assumed to do the same [rad/s]
     """
 
@@ -150,12 +150,12 @@ class FilterSettings:
         is for rotations and for several obstacles at once
     retreat_speed : largest speed with which a lost clearance is restored [m/s]
     n_points : points sampled on a body's longest edge, and equally dense ones on the others
-    turning_weight : weight of rotation that moves no hand, as a fraction of the load's extent squared
+    turning_weight : weight of rotation that moves no end effector, as a fraction of the payload's extent squared
     spare : distance kept on top of the scene's clearance [m]
     max_rounds : most rounds of solving and adding missing rows
     as_good : share of a slack by which further rounds may change it; tangents lie as far inside their balls
     margins_weight, clearances_weight, limits_weight : weights of the squared slack of margins for uncertainty, of
-        clearances and of limits of the hands, against the objective's squared velocities
+        clearances and of limits of the end effectors, against the objective's squared velocities
     """
 
     gain: float = 10.0

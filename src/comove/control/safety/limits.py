@@ -23,8 +23,9 @@ def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
     """Set up the balls of limits and write tangents; return the number of rows.
 
     Tangents are written where the desired velocity is outside. An end effector that moves on an arc needs a
-    centripetal acceleration w^2 r, which is then not available for braking, so rotations are bounded: where something
-    is `near`, such that half of the acceleration is left; otherwise such that the rotation can be sustained at all.
+    centripetal acceleration w^2 r, which is then not available for braking, so rotations are bounded: where an
+    obstacle is `near`, such that half of the acceleration is left; otherwise such that the rotation can be sustained
+    at all.
     """
     freedom, rates, work = qp.freedom, qp.rates, qp.work
     n_hands, balls = before.shape[0], work.balls

@@ -119,7 +119,7 @@ class QPWorkspace(NamedTuple):
     rows, low : arrays, shapes (n_rows, n + n_joints), (n_rows,), the constraints ``rows z >= low``
     owner, body : arrays of int, shape (n_rows,): the obstacle, `BORDER`, `HANDS` or `LIMIT` that requires a row; the
         group that it constrains
-    hands : array, shape (n_hands, 3, n), velocities of the hands per unit of the variables
+    hands : array, shape (n_hands, 3, n), velocities of the end effectors per unit of the variables
     rotation, nodes, points : arrays, shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3), at the start of the step
     after : the state after the step
     left : array, shape (n_edges + n_solids, n_obstacles), clearances h at the start of the step [m]
@@ -151,7 +151,7 @@ class QP(NamedTuple):
 
     Attributes
     ----------
-    points : the geometry that must not touch anything
+    points : the geometry to keep clear
     freedom : the degrees of freedom of the groups
     rates : limits and rates
     work : work arrays

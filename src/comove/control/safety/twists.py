@@ -118,7 +118,7 @@ def hand_velocities(scene: Scene, poses: HandPoses, twists: Array) -> Array:
 def twists_between(scene: Scene, here: HandPoses, there: HandPoses, duration: float) -> Array:
     """Return the constant twists that lead from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
 
-    A body whose roll about the line of its hands is free does not roll.
+    A body whose roll about the line of its end effectors is free does not roll.
 
     Parameters
     ----------

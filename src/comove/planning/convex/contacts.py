@@ -47,7 +47,7 @@ class MovedLoad(NamedTuple):
 
     Attributes
     ----------
-    around : load and all that it must not touch
+    around : payload and its obstacles
     block : array of int, shape (n_nodes,), block of the coordinates that moves each node
     n_owners : number of obstacles; as owners of contacts, the border and the separations follow them
     """
@@ -62,7 +62,7 @@ class Transit(NamedTuple):
 
     Attributes
     ----------
-    load : the load and its surroundings
+    load : the payload and its surroundings
     nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
     moved : displacements of the obstacles at the samples; none if nothing moves
     way : array, shape (n_samples,), sum, since the first sample, of the largest displacement of any node [m]
@@ -95,7 +95,7 @@ def find_contacts(load, nodes, moved, cutoff, found, least):
     moved : Displacements of the obstacles at the samples; none if nothing moves
     found : array, shape (n_most, N_FIELDS); n_most = 0 if only `least` is needed
     least : array, shape (n_owners + 2,), into which are written the least distance from each obstacle,
-        from the border, and of hands beyond their separation [m], each at most `cutoff`
+        from the border, and of end effectors beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
     around, transit = load.around, Transit(load, nodes, moved, _way(nodes))

@@ -28,9 +28,9 @@ class Moves(NamedTuple):
 
     Attributes
     ----------
-    slopes : array, shape (n_samples, n_hands * n_dims, n_columns), derivatives of the hands by the columns
+    slopes : array, shape (n_samples, n_hands * n_dims, n_columns), derivatives of the end effectors by the columns
     shape : array, shape (n_samples, n_basis), values of the basis functions
-    even : array of bool, shape (n_columns,), whether a column moves the hands alike at all samples
+    even : array of bool, shape (n_columns,), whether a column moves the end effectors alike at all samples
     """
 
     slopes: Array
@@ -216,8 +216,8 @@ def squares(
 
     Parameters
     ----------
-    demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every hand [m], where
-        n_steps - 1 is a multiple of n_samples - 1; None without one
+    demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every end effector [m],
+        where n_steps - 1 is a multiple of n_samples - 1; None without one
     precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `planning.resemblance`; None for none
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)

@@ -21,7 +21,7 @@ class Limits:
 
     Attributes
     ----------
-    n_dims : number of dimensions of a hand
+    n_dims : number of dimensions of an end effector
     values : limits of speed, acceleration and jerk, inf where there is none
     shares : shares of these that are kept to: samples miss the peaks
     """
@@ -68,7 +68,7 @@ class Limits:
 
         Parameters
         ----------
-        moves : derivatives of the hands by n variables
+        moves : derivatives of the end effectors by n variables
         pace : number of durations that the movement takes
         """
         finite = [(order, share * value) for order, share, value in self._finite()]

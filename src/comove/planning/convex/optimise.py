@@ -145,7 +145,8 @@ class Step(NamedTuple):
     Attributes
     ----------
     dz : array, shape (n_columns * n_basis,), change of the shape weights
-    own, hands : cost after the step, and array, shape (n_samples, n_hands * n_dims), hands at coarse samples then [m]
+    own, hands : cost after the step, and array, shape (n_samples, n_hands * n_dims), end effectors at coarse samples
+        then [m]
     value : cost after the step, plus the price of the change of `Stand.wish`
     missed : amounts by which margins and limits are missed after the step [m]
     seen : movement after the step, and its contacts

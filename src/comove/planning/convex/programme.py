@@ -41,7 +41,7 @@ class WarpSettings:
     ----------
     n_waves : waves whose sum a warp is
     smooth : weight of their squared slopes, relative to the mean curvature of the cost
-    steepest : largest relative change of the pace of time
+    steepest : largest relative change of the time scaling
     shares : shares of a warp that are tried in turn
     ridge : of the fit of the warped movement
     """
@@ -187,8 +187,9 @@ class Seen(NamedTuple):
     q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
     depth : array, shape (n_owners + 2 + n_leaning + n_kinds,), largest amount by which a required distance is missed:
-        from every owner, from the border, between hands that stay apart, from leaning too far, of what follows [m]
-    postures, distances : what follows, at its samples, as in `Follower`
+        from every owner, from the border, between end effectors that stay apart, from leaning too far, of the
+        follower [m]
+    postures, distances : those of the follower at its samples, as in `Follower`
     """
 
     q: Array

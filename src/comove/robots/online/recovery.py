@@ -63,7 +63,7 @@ class Recovery:
     Attributes
     ----------
     way : remaining commands of the way back, array, shape (n_steps, n_joints) [rad]
-    ended : whether it has gone back
+    ended : whether it has returned
     """
 
     def __init__(self, began: float, measured: Array, settings: RecoverySettings):

@@ -558,7 +558,7 @@ def _outline(shape: Any) -> tuple[int, Array, tuple[float, float, float]]:
 def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]:
     """Compute the penetration depth of two bodies.
 
-    Of meshes coal tells that they meet, not how deep; so their hulls are taken.
+    Of meshes coal detects contact, not its depth; so their hulls are used.
 
     Parameters
     ----------
