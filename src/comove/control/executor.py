@@ -95,7 +95,7 @@ class Executor(ControlLoop):
 
     @property
     def plan(self) -> Plan | None:
-        """Return the current plan, None without one."""
+        """Return the current plan; None if there is none."""
         return self.replanner.plan
 
     @property

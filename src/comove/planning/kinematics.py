@@ -83,7 +83,7 @@ class Kinematics:
         return self
 
     def along(self, nodes: Array) -> Follower | None:
-        """Return the follower of movements near one; None without one. `nodes` is (n_steps, n_nodes, 3) [m]."""
+        """Return the follower of movements near a given one, or None. `nodes` is (n_steps, n_nodes, 3) [m]."""
         return None
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:

@@ -373,7 +373,7 @@ class Comove(Method):
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, mend: bool
     ) -> tuple[float, CoordinatedDMP] | None:
-        """Return a plan's cheapest verified fit and its cost; None without one.
+        """Return a plan's cheapest verified fit and its cost; None if there is none.
 
         A path with sharp bends is fitted again, with more weights. If `mend` is set and no fit is verified, the best
         one without contact is repaired instead.

@@ -101,7 +101,7 @@ def plan(
     max_nodes: int = SETTINGS.few_nodes,
     settings: PlannerSettings = SETTINGS,
 ) -> Array | None:
-    """Plan and shorten a path that keeps a margin; None without one.
+    """Plan and shorten a path that keeps a margin; None if there is none.
 
     Parameters
     ----------

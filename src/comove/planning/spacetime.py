@@ -85,7 +85,7 @@ def plan_in_time(
     before: Array | None = None,
     n_shortcuts: int = SETTINGS.n_shortcuts,
 ) -> tuple[Array, Array] | None:
-    """Plan a path from start at time 0 to goal at 1; None without one.
+    """Plan a path from start at time 0 to goal at 1; None if there is none.
 
     Parameters
     ----------

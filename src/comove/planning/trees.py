@@ -25,7 +25,7 @@ def draw(world, trees, counts, this, rng, out):
 
 @Question
 def nearest(world, tree, count, q):
-    """Return the number of the node nearest to q, -1 without one."""
+    """Return the number of the node nearest to q; -1 if there is none."""
     return world.nearest(tree, count, q)
 
 

@@ -125,7 +125,7 @@ def _nearest(world, tree, count, q):
 
 @kernel
 def _nearest_in_time(timing, space, tree, count, q):
-    """Return the nearest node that reaches q in time, -1 without one."""
+    """Return the nearest node that reaches q in time; -1 if there is none."""
     if timing is None:
         return nearest(space, tree, count, q)
     best, least, later = -1, np.inf, tree[0, -1] == 0.0

@@ -192,7 +192,7 @@ class RobotCarrier(LimitedKinematics):
         return Arms(chains, links, ranges, around)
 
     def along(self, nodes: Array) -> ArmsFollower:
-        """Return the follower of motions near one; `nodes` has the shape (n_steps, n_nodes, 3) [m]."""
+        """Return the follower of motions near a given one; `nodes` has the shape (n_steps, n_nodes, 3) [m]."""
         return ArmsFollower.near(self.arms, self.best_course(nodes), nodes, self.settings.follower)
 
     def stricter(self) -> RobotCarrier:

@@ -240,7 +240,7 @@ def robot_of(
 
 
 def _kept(folder: Path, source: str) -> Path | None:
-    """Return a result folder's copy of a description; None without one."""
+    """Return a result folder's copy of a description; None if there is none."""
     files = listed_inputs(folder).get("files")
     for place, told in files.items() if isinstance(files, dict) else ():
         if isinstance(told, dict) and told.get("from") == source and is_file(folder / place):

@@ -94,7 +94,7 @@ def require_description(path: Path) -> None:
 
 
 def _unexpanded(root: ET.Element) -> str | None:
-    """Return the first text of an unexpanded xacro, None without one."""
+    """Return the first text of an unexpanded xacro; None if there is none."""
     for element in root.iter():
         if "xacro" in element.tag:
             return f"<{element.tag}>"

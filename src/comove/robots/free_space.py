@@ -284,7 +284,7 @@ class _Pairs:
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
-    """Search configurations from start to goal with free straight paths between them. None without success.
+    """Search configurations from start to goal with free straight paths between them. None on failure.
 
     Returns
     -------

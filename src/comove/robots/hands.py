@@ -90,7 +90,7 @@ def collision_of_hands(
 
 
 def _near(robot: Robot, first: _Hand, second: _Hand, frames: list[Any], required: float) -> str | None:
-    """Return links of two grippers too near at their grasp frames; None without."""
+    """Return links of two grippers too near at their grasp frames; None if there are none."""
     one, two = (
         hand.centers @ frame.rotation.T + frame.translation
         for hand, frame in zip((first, second), frames, strict=True)

@@ -73,7 +73,7 @@ class JointSolution:
 
     @property
     def motion(self) -> VerifiedJointMotion | None:
-        """Return the verified joint motion; None without one."""
+        """Return the verified joint motion; None if there is none."""
         return self.verdict.verified
 
     @property
@@ -190,7 +190,7 @@ def _carried(
 ) -> Procedure:
     """Solve; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`.
 
-    `tried` is a carrier whose ends are solved and clear, in another duration; None without one.
+    `tried` is a carrier whose ends are solved and clear, in another duration; None if there is none.
     """
     if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))

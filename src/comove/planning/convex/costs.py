@@ -217,7 +217,7 @@ def squares(
     Parameters
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every end effector [m],
-        where n_steps - 1 is a multiple of n_samples - 1; None without one
+        where n_steps - 1 is a multiple of n_samples - 1; None if there is none
     precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `planning.resemblance`; None for none
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)

@@ -307,7 +307,7 @@ class Pilot(Replanner):
         return way.configurations[np.unique(np.maximum(meets - np.array(how.aside), 0))]
 
     def _planned(self, configuration: Array, joints: Array) -> Way | None:
-        """Return a path to any joints at the goal without the roadmap. None without success."""
+        """Return a path to any joints at the goal without the roadmap. None on failure."""
         how, ground = self.settings, self._lenient(configuration, joints)
         end = self._plan.at(self._plan.duration)[0]
         nodes = self.coordinates.nodes(np.stack([configuration, end], axis=1)[None])[0]

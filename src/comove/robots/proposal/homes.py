@@ -303,7 +303,7 @@ def _rounded(q: Array, lower: Array, upper: Array) -> Array:
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
-    """Return the free configuration with most spare distance [m]; None without one."""
+    """Return the free configuration with most spare distance [m]; None if there is none."""
     margins = (needed + (spare - ROOM.spares[-1]) for spare in ROOM.spares)
     near = (each for margin in margins for each in some if _is_free(robot, each, margin, later))
     return next(near, None)

@@ -170,7 +170,7 @@ def turn_onto(k: Triple, v: Triple, w: Triple) -> float:
 
 @kernel
 def turns_to_height(k: Triple, v: Triple, h: Triple, height: float) -> tuple[int, float, float]:
-    """Return how many angles about k [rad] give ``h . v = height``, and both."""
+    """Return the number and angles [rad] of turns to a height. They turn v about k to ``h . v = height``."""
     along = dot(k, v) * dot(h, k)
     a, b = dot(h, v) - along, dot(h, cross(k, v))
     size = (a * a + b * b) ** 0.5
@@ -185,7 +185,7 @@ def turns_to_height(k: Triple, v: Triple, h: Triple, height: float) -> tuple[int
 
 @kernel
 def turns_to_distance(k: Triple, v: Triple, w: Triple, distance: float) -> tuple[int, float, float]:
-    """Return how many angles about k [rad] bring v to a distance. It is that from w; both angles follow."""
+    """Return the number and angles [rad] of turns to a distance. They turn v about k to it from w."""
     return turns_to_height(k, v, w, 0.5 * (dot(v, v) + dot(w, w) - distance * distance))
 
 

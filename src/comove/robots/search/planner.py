@@ -90,7 +90,7 @@ def plan_with_arms(
     densely: bool = False,
     settings: ArmPlanSettings = SETTINGS,
 ) -> tuple[Array, Array, Array] | None:
-    """Plan a payload path that the arms can follow; None without one.
+    """Plan a payload path that the arms can follow; None if there is none.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class ArmsFollower:
     def near(
         cls, arms: Arms, course: Array, nodes: Array, settings: FollowerSettings = SETTINGS
     ) -> ArmsFollower:
-        """Return the follower of motions near one. Distances that are smaller at its ends may be so anywhere.
+        """Return the follower of motions near a given one. Distances that are smaller at its ends may be so anywhere.
 
         Parameters
         ----------

@@ -63,5 +63,5 @@ def about(k: Triple, angle: float, v: Triple) -> Triple:
 
 @kernel
 def about_axis(k: Triple, at: Triple, angle: float, p: Triple) -> Triple:
-    """Rotate p about the axis of direction k through `at` [rad]."""
+    """Rotate p by an angle [rad] about direction k through `at`."""
     return plus(at, about(k, angle, plus(p, at, -1.0)))

@@ -678,7 +678,7 @@ class MovingObstacles:
 
     @cached_property
     def speed(self) -> Ranges:
-        """Bound the speeds of moving obstacles' points from above [m/s]. Without rotation they change at kinks."""
+        """Bound the speeds of moving obstacles' points from above [m/s]. Without rotation only kinks change them."""
         scene, own = self.scene, self.obstacle
         knots = np.unique([0.0, *scene.obstacle_kinks, scene.duration])
         middle = 0.5 * (knots[1:] + knots[:-1])  # rounding must not take the velocity before a kink

@@ -65,7 +65,7 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
 
 
 def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | None:
-    """Return a colliding link at rest and moving obstacle, distance and time. Units are m and s.
+    """Return a link at rest and the moving obstacle it meets. Their distance [m] and the time [s] follow.
 
     Links at rest are those that no arm of the scene's manipulators moves; None where all keep clear.
     """
