@@ -312,6 +312,6 @@ class ControlLoop:
         self._placed(advanced(self.poses, self.twists, self.period))
 
     def _placed(self, poses: HandPoses) -> None:
-        """Be at the poses at the end of the step."""
+        """Set the poses at the end of the step."""
         self._before = (self.hands(poses) - self.hands(self.poses)) / self.period
         self.poses = poses

@@ -477,7 +477,6 @@ class Quick(Comove):
     polishing: Schedule = UNPOLISHED
 
     def _stages(self, search: Search, planner: bool) -> Stages:
-        """Plan, fit and verify without payload-size continuation."""
         return (yield from self._planned(search))
 
 

@@ -324,7 +324,6 @@ def _longest(x, t, after):
 
 @kernel(counted=False)
 def _between(x, t, after, f, out):
-    """Write the points of x at a share f between two samples."""
     for n in range(x.shape[1]):
         for axis in range(3):
             out[n, axis] = x[t, n, axis] + f * (x[after, n, axis] - x[t, n, axis])

@@ -395,7 +395,6 @@ class RobotCarrier(LimitedKinematics):
 
     @cached_property
     def _tally(self) -> Tally:
-        """Return the counts of the results of plans between end pairs."""
         return Tally.of(len(self._pairs), self.settings.ends.unlikely)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:

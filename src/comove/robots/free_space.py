@@ -167,7 +167,6 @@ class Room:
         return not (untold and any(self._touching(one, untold) for one in q[apart >= enough]))
 
     def _rows(self, names: frozenset[frozenset[str]]) -> list[int]:
-        """Return the rows of these names among the pairs checked first."""
         return [row for name in names for row in self._rows_of.get(name, ())]
 
     def _touching(self, q: Array, some: list[int] | None = None) -> list[int]:

@@ -374,7 +374,7 @@ def _check_bodies(geometry: Any) -> None:
 
 
 def _compare(model: Any, geometry: Any, srdf: Srdf) -> None:
-    """Compare all pairs of bodies but neighbours and those of the SRDF."""
+    """Set the collision pairs: all but neighbours and those that the SRDF disables."""
     items = list(geometry.geometryObjects)
     joints = np.array([item.parentJoint for item in items], dtype=int)
     parents = np.array(model.parents)[joints]

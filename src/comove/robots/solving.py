@@ -323,7 +323,6 @@ def _keeps_duration(scene: Scene, objective: Criterion | None) -> bool:
 
 
 def _first_duration(scene: Scene) -> float:
-    """Return the duration of a scene, or the first to try [s]."""
     return scene.duration if scene.is_timed else alone(scene.with_limits(), None)
 
 

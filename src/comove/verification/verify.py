@@ -139,7 +139,6 @@ class MotionCourse(Course):
         return part.kind == POINT or (part.kind == ANGLE and self.n_dims == 3)
 
     def _is_shifted(self, part: Block, axes: slice) -> bool:
-        """Return whether a block only translates its points along some axes."""
         return part.kind == POINT or (self._keeps_tilt(part) and axes == slice(2, 3))
 
 

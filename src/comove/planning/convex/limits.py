@@ -81,7 +81,6 @@ class Limits:
             yield order, _sizes(differences(hands, order), self.n_dims) / (share * value)
 
     def _finite(self) -> Iterator[tuple[int, float, float]]:
-        """Yield order, usable share and value of every finite limit."""
         for order, (share, value) in enumerate(zip(self.shares, self.values, strict=True), start=1):
             if value < np.inf:
                 yield order, share, value

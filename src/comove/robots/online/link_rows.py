@@ -291,7 +291,6 @@ def _pair_row(arms: Arms, i: int, one: float, k: int, two: float, low: float, wo
 
 @kernel
 def _point_on(work: LinkRows, i: int, share: float, p: Array) -> None:
-    """Write the point at a share of link i's axis [m]."""
     for axis in range(3):
         p[axis] = work.start[i, axis] + share * (work.end[i, axis] - work.start[i, axis])
 
