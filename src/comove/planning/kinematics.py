@@ -142,7 +142,7 @@ class LimitedKinematics(Kinematics):
 
     @abstractmethod
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return penalties of nearly impossible movements, and whether movements seem possible.
+        """Return penalties of (nearly) impossible movements, and whether movements seem possible.
 
         Parameters
         ----------

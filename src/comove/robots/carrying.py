@@ -398,7 +398,7 @@ class RobotCarrier(LimitedKinematics):
         return Tally.of(len(self._pairs), self.settings.ends.unlikely)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Compute penalties of nearly impossible motions, and whether motions are possible.
+        """Compute penalties of (nearly) impossible motions, and whether motions are possible.
 
         Parameters
         ----------

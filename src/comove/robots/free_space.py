@@ -74,7 +74,7 @@ class Room:
 
     @classmethod
     def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
-        """Return the free space whose pairs keep their clearance at both ends.
+        """Return the free space that keeps the spare clearance of both ends.
 
         Parameters
         ----------
