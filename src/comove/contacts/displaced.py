@@ -1,7 +1,7 @@
-"""Parts as seen from obstacles that move and turn: carried back into the obstacle's resting frame.
+"""Parts in the frames of obstacles that translate and rotate.
 
-A part is as far from a displaced obstacle as the part, carried back by the displacement, is from the resting one. An
-*instant* is a tuple of two samples of the displacements and a share of the time between them.
+A displaced obstacle is as far from a part as the resting one is from the part transformed by the inverse
+displacement. An *instant* is a tuple of two samples of the displacements and a share of the time between them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ RESTING = (0, 0, 0.0)
 
 @kernel(counted=False)
 def instant_at(moved, t):
-    """Return the instant of a normalised time, from 0 at the first sample to 1 at the last."""
+    """Return the instant of a normalised time. It is 0 at the first sample, 1 at the last."""
     n = moved.offsets.shape[0]
     if n < 2:
         return 0, 0, 0.0
@@ -30,7 +30,7 @@ def instant_at(moved, t):
 
 @kernel(counted=False)
 def carried_back(moved, row, instant, x, y, z):
-    """Return a point [m] as seen from an obstacle at an instant, in the frame in which the obstacle rests."""
+    """Transform a point [m] into an obstacle's resting frame at an instant."""
     x, y, z = shifted_back(moved, row, instant, x, y, z)
     angle = angle_at(moved, row, instant) if moved.offsets.shape[0] > 0 else 0.0
     if angle == 0.0:
@@ -42,7 +42,7 @@ def carried_back(moved, row, instant, x, y, z):
 
 @kernel(counted=False)
 def shifted_back(moved, row, instant, x, y, z):
-    """Return the same for an obstacle that does not turn, or for distances from its centre, which turns keep."""
+    """Undo an obstacle's translation of a point [m]. This suffices for distances from its centre."""
     if moved.offsets.shape[0] == 0:
         return x, y, z
     return (
@@ -54,7 +54,7 @@ def shifted_back(moved, row, instant, x, y, z):
 
 @kernel(counted=False)
 def carried_forward(moved, row, instant, point):
-    """Carry a point [m], array of shape (3,), from the frame in which an obstacle rests to the world, in place."""
+    """Transform a point from an obstacle's resting frame, in place; array, shape (3,) [m]."""
     if moved.offsets.shape[0] == 0:
         return
     center = moved.centers[row]
@@ -68,7 +68,7 @@ def carried_forward(moved, row, instant, point):
 
 @kernel(counted=False)
 def turned_forward(moved, row, instant, direction):
-    """Turn a direction, array of shape (3,), from the frame in which an obstacle rests to the world, in place."""
+    """Rotate a direction from an obstacle's resting frame, in place; array, shape (3,)."""
     angle = angle_at(moved, row, instant) if moved.offsets.shape[0] > 0 else 0.0
     if angle != 0.0:
         x, y, z = turned(moved.axes[row], cos(angle), sin(angle), direction[0], direction[1], direction[2])
@@ -89,7 +89,7 @@ def moves(moved, row):
 
 @kernel(counted=False)
 def farthest_moved(moved, obstacles, first, last):
-    """Return an upper bound of the displacement [m] of any point of any obstacle between two samples."""
+    """Bound any obstacle point's displacement [m] between two samples from above."""
     farthest = 0.0
     for row in range(obstacles.shape[0] if moved.offsets.shape[0] > 0 else 0):
         square = 0.0
@@ -102,21 +102,21 @@ def farthest_moved(moved, obstacles, first, last):
 
 @kernel(counted=False)
 def offset_at(moved, row, instant, axis):
-    """Return the displacement [m] of an obstacle's centre along an axis of the world, 0 to 2, at an instant."""
+    """Return an obstacle's displacement [m] along a world axis, 0 to 2."""
     first, last, share = instant
     return (1.0 - share) * moved.offsets[first, row, axis] + share * moved.offsets[last, row, axis]
 
 
 @kernel(counted=False)
 def angle_at(moved, row, instant):
-    """Return the angle [rad] by which an obstacle has turned at an instant."""
+    """Return the angle [rad] of an obstacle at an instant."""
     first, last, share = instant
     return (1.0 - share) * moved.angles[first, row] + share * moved.angles[last, row]
 
 
 @kernel(counted=False)
 def turned(axis, cosine, sine, x, y, z):
-    """Return a vector rotated about a unit vector, by an angle with this cosine and sine (Rodrigues, 1840)."""
+    """Rotate a vector about a unit vector by Rodrigues' formula (1840)."""
     a, b, c = axis[0], axis[1], axis[2]
     along = (1.0 - cosine) * (a * x + b * y + c * z)
     return (

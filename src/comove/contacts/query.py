@@ -1,7 +1,7 @@
-"""The contact query: how near parts are to things, and where.
+"""The contact query: distances of parts from things, nearest points and normals.
 
-Bounding balls exclude what is far away before exact distances are computed. Exact distances are those of
-`comove.geometry`, of parts that are carried back into the frame in which the obstacle rests.
+Bounding balls exclude distant things before exact distances are computed. These are those of `comove.geometry`, of
+parts transformed into the obstacle's resting frame.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TOUCHING = 1e-9  # m, above which a distance does not count as a contact
 
 
 class Query(NamedTuple):
-    """What a distance is asked for, how accurately, and the arrays that it is written to.
+    """The things of a distance query, its accuracy and its output arrays.
 
     Attributes
     ----------
@@ -51,21 +51,21 @@ class Query(NamedTuple):
 
 
 def separating(n_solids: int, n_things: int) -> Array:
-    """Return directions to begin with; array, shape (n_solids, n_things, 3)."""
+    """Return initial separating directions; array, shape (n_solids, n_things, 3)."""
     return np.full((n_solids, n_things, 3), 1.0 / np.sqrt(3.0))
 
 
 @kernel(counted=False)
 def least_distance(around, moved, instant, nodes, query, cap, floor):
-    """Return the least distance [m] of all parts from things, at most `cap`.
+    """Return the least distance [m] of parts from things, at most `cap`.
 
     Parameters
     ----------
     around : Surroundings
     moved, instant : Displacements of the obstacles, and the instant
-    nodes : array, shape (n_nodes, 3), positions of the nodes [m]
+    nodes : array, shape (n_nodes, 3), positions of the keypoints [m]
     query : Query
-    floor : the search ends at a distance of `floor` or less, which need not be the least [m]
+    floor : distance [m] at or below which the search ends; the result need not be the least then
     """
     d, n_rods, n_rows = cap, around.edges.shape[0], around.convex.shape[0]
     noted = query.least.shape[0] > 0
@@ -100,7 +100,7 @@ def least_distance(around, moved, instant, nodes, query, cap, floor):
 
 @kernel
 def _large_distance(around, moved, instant, nodes, query, part, thing, cutoff):
-    """Return the distance [m] of a part from a thing, one of which is a solid or a mesh."""
+    """Return a part's distance [m] from a thing. One of them is a solid or a mesh."""
     row, radius, points = (
         whose(around, thing)[0],
         radius_of(around, part),
@@ -120,7 +120,7 @@ def _large_distance(around, moved, instant, nodes, query, part, thing, cutoff):
 
 @kernel(counted=False)
 def ball_of(around, nodes, part):
-    """Return centre and radius [m] of a ball about the mean of a part's corners that contains them."""
+    """Return centre and radius [m] of a part's bounding ball. Its centre is the mean of the corners."""
     n = count_corners(around, part)
     x, y, z, square, share = 0.0, 0.0, 0.0, 0.0, 1.0 / n
     for i in range(n):
@@ -134,7 +134,7 @@ def ball_of(around, nodes, part):
 
 @kernel(counted=False)
 def ball_apart(around, thing, row, x, y, z):
-    """Return the distance [m] of a point from a ball, or for a mesh a box, that contains a resting thing."""
+    """Return a point's distance [m] from a resting thing's bounding ball. Meshes have a bounding box instead."""
     if thing >= around.convex.shape[0]:
         return _from_box_of_mesh(around.surfaces, thing - around.convex.shape[0], x, y, z)
     x -= around.obstacles[row, CENTER]
@@ -145,7 +145,7 @@ def ball_apart(around, thing, row, x, y, z):
 
 @kernel(counted=False)
 def point_apart(around, thing, row, x, y, z, enough):
-    """Return a lower bound of a point's distance [m] from a resting thing; one above `enough` is not refined."""
+    """Bound a point's distance [m] from a resting thing from below. Bounds above `enough` are not refined."""
     bound = ball_apart(around, thing, row, x, y, z)
     if bound >= enough or thing >= around.convex.shape[0]:
         return bound
@@ -154,7 +154,7 @@ def point_apart(around, thing, row, x, y, z, enough):
 
 @kernel(counted=False)
 def part_apart(around, moved, instant, nodes, part, thing, row, enough):
-    """Return a lower bound of a part's distance [m] from a thing; one above `enough` is not refined."""
+    """Bound a part's distance [m] from a thing from below. Bounds above `enough` are not refined."""
     x, y, z, reach = ball_of(around, nodes, part)
     reach += radius_of(around, part)
     u, v, w = carried_back(moved, row, instant, x, y, z)
@@ -163,7 +163,7 @@ def part_apart(around, moved, instant, nodes, part, thing, row, enough):
 
 @kernel(counted=False)
 def ball_about(nodes):
-    """Return centre and radius [m] of a ball that contains nodes; array, shape (n_nodes, 3)."""
+    """Return centre and radius [m] of a ball around keypoints; array, shape (n_nodes, 3)."""
     x, y, z, square, share = 0.0, 0.0, 0.0, 0.0, 1.0 / nodes.shape[0]
     for i in range(nodes.shape[0]):
         x, y, z = x + share * nodes[i, 0], y + share * nodes[i, 1], z + share * nodes[i, 2]
@@ -174,7 +174,7 @@ def ball_about(nodes):
 
 @kernel(counted=False)
 def near_things(around, moved, instant, nodes, cutoff, near):
-    """Write the things that may be within `cutoff` [m] of any node into `near`; return their number."""
+    """Write the things possibly within `cutoff` [m] of keypoints; return their number."""
     (x, y, z, reach), count = ball_about(nodes), 0
     for thing in range(near.shape[0]):
         row, _ = whose(around, thing)
@@ -187,7 +187,7 @@ def near_things(around, moved, instant, nodes, cutoff, near):
 
 @kernel(counted=False)
 def nearest_point(around, part, thing, row, points, cutoff, tolerance, near, normal):
-    """Return the distance [m] of a part from a resting thing, at most `cutoff`, and write its nearest point.
+    """Return a part's distance [m] from a resting thing; write its nearest point. The distance is at most `cutoff`.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def nearest_point(around, part, thing, row, points, cutoff, tolerance, near, nor
 
 @kernel(counted=False)
 def normal_at(around, part, thing, row, near, normal):
-    """Write the unit vector that leads from a resting thing to the nearest point of a part, unless it is a mesh."""
+    """Write the unit vector from a resting thing to the nearest point. Does nothing for a mesh."""
     if thing >= around.convex.shape[0]:
         return
     if part < around.edges.shape[0]:

@@ -1,7 +1,7 @@
-"""Rods, such as the capsules of links, among obstacles that move and turn, and among each other.
+"""Distances of rods, such as link capsules, from obstacles and each other.
 
-A rod is given by the ends of its axis, arrays of shape (3,) [m]. Distances are those of the axis: the radius is for
-the caller to subtract. Bounding balls exclude what is far away before exact distances are computed.
+A rod is given by the ends of its axis, arrays of shape (3,) [m]. Distances are those of the axis: the caller
+subtracts the radius. Bounding balls exclude distant pairs before exact distances are computed.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ AXIS = ROTATION + 2  # of a capsule: every third column is a coordinate
 
 @kernel(counted=False)
 def rod_distance(table, moved, row, instant, p, q, cutoff, tolerance):
-    """Return the distance [m] of a rod from an obstacle at an instant, as accurately as `segment_distance`.
+    """Return a rod's distance [m] from an obstacle at an instant. It is as accurate as `segment_distance`.
 
-    Where it is certainly above `cutoff`, any value above `cutoff` may be returned, infinity where even balls are.
+    Certainly above `cutoff`, any value above it may be returned; infinity where even the bounding balls are.
     """
     x, y, z = 0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])
     x, y, z = shifted_back(moved, row, instant, x, y, z)
@@ -43,13 +43,13 @@ def rod_distance(table, moved, row, instant, p, q, cutoff, tolerance):
 
 @kernel(counted=False)
 def rods_distance(a, b, c, d, cutoff):
-    """Return the distance [m] of the rods a-b and c-d; where it is certainly above `cutoff`, infinity."""
+    """Return the distance [m] of the rods a-b and c-d. It is infinite if certainly above `cutoff`."""
     return nearest_shares(a, b, c, d)[2] if near_enough(a, b, c, d, cutoff) else np.inf
 
 
 @kernel(counted=False)
 def near_enough(a, b, c, d, far):
-    """Return whether the bounding balls of the rods a-b and c-d are within `far` [m] of each other."""
+    """Return whether two rods' bounding balls are within `far` [m]. The rods are a-b and c-d."""
     square, one, two = 0.0, 0.0, 0.0
     for x in range(3):
         square += (0.5 * (a[x] + b[x] - c[x] - d[x])) ** 2
@@ -61,9 +61,7 @@ def near_enough(a, b, c, d, far):
 
 @kernel(counted=False)
 def nearest_shares(a, b, c, d):
-    """Return the shares of the rods a-b and c-d at which they are nearest, and their distance [m] (Ericson, 2005,
-    5.1.9).
-    """
+    """Return two rods' nearest shares and their distance [m]. The rods are a-b and c-d (Ericson, 2005, 5.1.9)."""
     uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(3):
         u, v, w = b[x] - a[x], d[x] - c[x], a[x] - c[x]

@@ -1,7 +1,7 @@
-"""A payload with its end effectors, and all that they must not touch, as kernels take them.
+"""A payload, its end effectors and their obstacles, as arrays.
 
-*Parts* of the payload and the end effectors are rods, then solids; *things* are convex obstacles, then meshes. Both
-are numbered. A part is placed by its *corners*, which are keypoints of the payload.
+*Parts* of the payload and end effectors are rods, then solids; *things* are convex obstacles, then meshes. Both are
+numbered. The *corners* that place a part are keypoints of the payload.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from comove.model.scene import Scene
 
 
 class Surroundings(NamedTuple):
-    """A payload with its end effectors, and all that they must not touch.
+    """A payload with its end effectors, and the obstacles of both.
 
     Attributes
     ----------
     edges, radii : arrays, shapes (n_rods, 2) and (n_rods,), corners and radii [m] of rods
     solids : array of int, shape (n_solids, n), corners of solids
-    thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
-        solid alone; -1 for nodes of neither
+    thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each keypoint [m], 0 for the corner
+        of a solid alone; -1 for keypoints of neither
     obstacles : array, shape (n_rows, n_columns), table of obstacles at 0 s
     owners : array of int, shape (n_rows,), obstacle to which each row of the table belongs
     convex : array of int, rows that are obstacles themselves; the other rows belong to meshes and guide the sampling
     surfaces : meshes
     lower, upper : arrays, shape (3,), corners of the workspace [m]
-    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
+    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), end effectors to keep apart, and how far [m]
     """
 
     edges: Integers
@@ -53,7 +53,7 @@ class Surroundings(NamedTuple):
 
 
 def surroundings_of(scene: Scene) -> Surroundings:
-    """Return the payload and the end effectors of a scene, and all that they must not touch."""
+    """Return a scene's payload and end effectors with their obstacles."""
     body, thickness = scene.body, np.full(scene.body.n_nodes, -1.0)
     np.maximum.at(thickness, body.edges, np.asarray(body.radii)[:, None])
     np.maximum.at(thickness, body.solids, 0.0)
@@ -85,7 +85,7 @@ def count_corners(around, part):
 
 @kernel(counted=False)
 def corner_of(around, part, i):
-    """Return the node at a corner of a part: a rod, or a solid, which are numbered next."""
+    """Return the keypoint at a corner of a part."""
     n_rods = around.edges.shape[0]
     return around.edges[part, i] if part < n_rods else around.solids[part - n_rods, i]
 
@@ -104,7 +104,7 @@ def radius_of(around, part):
 
 @kernel(counted=False)
 def whose(around, thing):
-    """Return a thing's row in the table of obstacles, and the obstacle that it belongs to."""
+    """Return a thing's row in the obstacle table, and its obstacle."""
     n_rows = around.convex.shape[0]
     if thing < n_rows:
         return around.convex[thing], around.owners[around.convex[thing]]
@@ -114,7 +114,7 @@ def whose(around, thing):
 
 @kernel(counted=False)
 def from_border(around, nodes):
-    """Return the distance [m] of all parts from the border of the workspace; `nodes` has the shape (n_nodes, 3)."""
+    """Return the distance [m] of all parts from the workspace border. `nodes` has the shape (n_nodes, 3)."""
     d = np.inf
     for i in range(nodes.shape[0]):
         if around.thickness[i] < 0.0:

@@ -1,8 +1,8 @@
-"""Obstacles that are known only from point clouds, as a depth camera or a laser scanner measures them.
+"""Obstacles known only from point clouds of a depth camera or scanner.
 
 Every cloud is covered by spheres (`comove.geometry.sphere_cover`), which are tracked over time
-(`comove.control.tracks`): at any time there are as many obstacles as spheres. Obstacles that stand still in the
-scene's file are kept as they are.
+(`comove.control.tracks`): at any time there are as many obstacles as spheres. Static obstacles in the scene's file
+are kept as they are.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # diagonal of a rotation
 
 
 class Clouds(Observer):
-    """An observer of obstacles as point clouds, which the caller passes on as they arrive.
+    """A tracker of obstacles as point clouds, which the caller supplies.
 
-    The obstacles of a scene that stand still are known; those with a `motion` are known only from the clouds.
-    Points of the load and the hands are removed: an `Executor` says where these are. Points of the arms are not
-    removed; remove them before. Surfaces that no cloud shows, such as the far side of an object, are not avoided.
+    The static obstacles of a scene are known; those with a `motion` are known only from the clouds. Points of the
+    payload and the end effectors are removed: an `Executor` passes their positions. Points of the arms are not
+    removed; remove them before. Surfaces that no cloud contains, such as the far side of an object, are not avoided.
 
     Parameters
     ----------
-    scene : the scene in which the load moves
+    scene : the scene in which the payload moves
     scanner : accuracy of the clouds and settings of the tracking
     """
 
@@ -57,19 +57,19 @@ class Clouds(Observer):
         self._named[moving] = away
 
     def carried(self, time: float, nodes: Array) -> None:
-        """Take in the position of the load.
+        """Set the position of the payload.
 
         Parameters
         ----------
         time : present time [s]
-        nodes : array, shape (n_nodes, 3), hands first, then corners of the load [m]
+        nodes : array, shape (n_nodes, 3), end effectors first, then payload corners [m]
         """
         self._carried.append((time, nodes))
         while self._carried[0][0] < time - self.scanner.history:
             self._carried.popleft()
 
     def update(self, points: ArrayLike, time: float) -> None:
-        """Take in one cloud.
+        """Update the tracks by one cloud.
 
         Points with NaN or infinite coordinates, as cameras give them where they see nothing, are ignored, and so is a
         cloud that is not later than the last one. An empty cloud means that nothing is in sight.
@@ -102,7 +102,7 @@ class Clouds(Observer):
             self._memory = updated(self._memory, self._others(points, time), float(time), self.scanner)
 
     def observe(self, time: float) -> Sighting:
-        """Return the spheres at their estimated positions, with a margin for the unknown motion of their points."""
+        """Return the spheres at their estimated positions. The margin covers unknown motion of their points."""
         memory = self._memory
         now = moved(memory, max(time, memory.time), 0.0) if np.isfinite(memory.time) else memory
         n, m = len(self._named), len(memory.spheres.radius)
@@ -118,7 +118,7 @@ class Clouds(Observer):
         return Sighting(table, velocity, np.zeros((n + m, 3)), margin)
 
     def _others(self, points: Array, time: float) -> Array:
-        """Return the points, in space, that belong to neither the load nor a known obstacle and are not far away."""
+        """Return the nearby points, in space, outside payload and known obstacles."""
         scene, body, around = self.scene, self.scene.body, self.scanner.around
         near_by = (points >= scene.lower - around) & (points <= scene.upper + around)  # and a number
         points = points[np.logical_and.reduce(near_by.T)]
@@ -129,10 +129,7 @@ class Clouds(Observer):
         return points[~_of_obstacles(points, self._standing, near)]
 
     def _nodes(self, time: float) -> Array | None:
-        """Return the nodes of the load at an instant [s]; array, shape (n_nodes, 3) [m].
-
-        It is None where they are not known.
-        """
+        """Return the payload's keypoints at an instant [s], None if unknown; array, shape (n_nodes, 3) [m]."""
         if not self._carried:
             return None
         times = np.array([t for t, _ in self._carried])
@@ -144,9 +141,9 @@ class Clouds(Observer):
 
 
 class Scanned(Clouds):
-    """An observer of synthetic clouds, which are generated from the true positions of obstacles to test a scanner.
+    """A tracker of synthetic clouds, generated from true positions for tests.
 
-    Points lie all around on the obstacles, also on those that stand still, on the load and on the hands.
+    Points lie all around on the obstacles, also on static ones, on the payload and on the end effectors.
 
     Parameters
     ----------
@@ -172,7 +169,7 @@ class Scanned(Clouds):
         self._next = 0.0
 
     def observe(self, time: float) -> Sighting:
-        """Scan if a new cloud is due, and return the spheres at their estimated positions."""
+        """Scan if a new cloud is due; return spheres at estimated positions."""
         if time >= self._next - 1e-9:
             self._next = time + self._period
             then = max(time - self._delay, 0.0)  # before it begins, everything stands as it does at 0 s
@@ -202,7 +199,7 @@ class Scanned(Clouds):
 
 
 def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -> Array:
-    """Return points all around on an obstacle, no farther apart than `spacing` [m]; array, shape (n_points, 3) [m].
+    """Return points on an obstacle's surface, at most `spacing` [m] apart; array, shape (n_points, 3) [m].
 
     On boxes they lie on grids; on other shapes they are the ends of evenly spread rays from the centre.
 
@@ -229,9 +226,7 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
 
 
 def _on_box(half: Array, spacing: float) -> Array:
-    """Return points on the faces of a box of half edges (n_dims,) about the origin; array, shape (n_points, 3)
-    [m].
-    """
+    """Return points on a centred box; array, shape (n_points, 3) [m]. `half` has its half edges (n_dims,)."""
     grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
     faces = []
     for axis, h in enumerate(half):
@@ -244,7 +239,7 @@ def _on_box(half: Array, spacing: float) -> Array:
 
 @kernel
 def _along(table: Array, rays: Array, reach: float) -> Array:
-    """Return how far from its centre rays (n, 3) leave the first obstacle of a table [m], found by bisection."""
+    """Return rays' exit distances from a table's first obstacle [m], by bisection; `rays` is (n, 3)."""
     lengths = np.empty(rays.shape[0])
     for i in range(rays.shape[0]):
         low, high = 0.0, 1.01 * reach
@@ -261,7 +256,7 @@ def _along(table: Array, rays: Array, reach: float) -> Array:
 
 @kernel
 def _of_obstacles(points: Array, table: Array, near: float) -> NDArray[np.bool_]:
-    """Return which points (n, 3) lie within the distance `near` [m] of an obstacle of a table."""
+    """Return which points (n, 3) are within `near` [m] of obstacles."""
     found = np.zeros(points.shape[0], dtype=np.bool_)
     for i in range(points.shape[0]):
         for j in range(table.shape[0]):
@@ -272,7 +267,7 @@ def _of_obstacles(points: Array, table: Array, near: float) -> NDArray[np.bool_]
 
 
 def _of_body(points: Array, nodes: Array, body: MovingBody, near: float) -> NDArray[np.bool_]:
-    """Return which points (n, 3) lie within the distance `near` [m] of a body with these nodes (n_nodes, 3) [m]."""
+    """Return which points (n, 3) are within `near` [m] of a body; `nodes` is (n_nodes, 3) [m]."""
     found = np.zeros(len(points), dtype=bool)
     for (i, j), radius in zip(body.edges, body.radii, strict=True):
         a, way = nodes[i], nodes[j] - nodes[i]

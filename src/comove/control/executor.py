@@ -1,9 +1,9 @@
-"""Online execution among moving obstacles: follow a plan, evade, stop in time, plan anew.
+"""Online execution among moving obstacles: follow, evade, stop in time, replan.
 
-Every control step asks what is observed. A plan that is certified for exactly known motions is followed exactly.
-Otherwise the safety filter modifies the plan's velocities to keep clear of the obstacles that are seen now; where the
-path is blocked the payload slows down and evades until it is free. A plan that seems not to hold any more is replaced
-by one from the present state on.
+Every control step observes the obstacles. A plan that is certified for exactly known motions is followed exactly.
+Otherwise the safety filter modifies the plan's velocities to keep clear of the observed obstacles; where the path is
+blocked the payload slows down and evades until it is free. A plan that is predicted to fail is replaced by one from
+the present state on.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from comove.verification.verify import VerifiedMotion
 
 
 class Executor(ControlLoop):
-    """An executor that moves the payload of a scene step by step among moving obstacles.
+    """An executor that moves a scene's payload step by step among obstacles.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ class Executor(ControlLoop):
     observer : observer of its obstacles; by default one that knows their motions
     seed : seed of the plans
     pace : periods and time budgets
-    demonstration : a movement of one hand, or one for each, that plans should resemble from the present state on
+    demonstration : a movement of one end effector, or one for each, that plans should resemble from the present state
+        on
     plan : a verified motion of the scene that is followed first; one is searched unless given
 
     Raises
@@ -94,12 +95,12 @@ class Executor(ControlLoop):
 
     @property
     def plan(self) -> Plan | None:
-        """Return the plan that is followed, None where there is none."""
+        """Return the current plan; None if there is none."""
         return self.replanner.plan
 
     @property
     def ended(self) -> bool:
-        """Return whether the payload has arrived, and the plan has come to its end."""
+        """Return whether the payload has arrived and the plan has ended."""
         return self.arrived and (self.plan is None or self.time >= self.plan.ends - 1e-9)
 
     def step(self) -> None:

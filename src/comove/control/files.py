@@ -1,4 +1,4 @@
-"""The writing of an execution into its files, `run.npz` and `run.json`, which `comove.results.runs` verifies."""
+"""The files of an execution: `run.npz` and `run.json`, verified by `comove.results.runs`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write_run(
     interrupted: bool,
     wall_time_s: float,
 ) -> Summary:
-    """Write `run.npz`, `run.json` and `scene.json` into an existing folder, and return the summary."""
+    """Write `run.npz`, `run.json` and `scene.json` into a folder; return the summary."""
     (folder / SCENE).write_bytes(canonical(record.scene.file) + b"\n")
     n = record.scene.n_dims
     arrays: dict[str, Any] = {
@@ -66,7 +66,7 @@ def write_run(
 
 
 def _cost(record: Record) -> dict[str, Any]:
-    """Return the cost J and its terms for the executed motion, in unit duration."""
+    """Return J and its terms for the executed motion, in unit duration."""
     scene = record.scene
     objective = Objective(scene, load_coordinates(scene))
     planned, offsets = scene.displacements(record.time), scene.by_row(record.obstacles - scene.centers)

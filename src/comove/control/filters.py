@@ -1,4 +1,4 @@
-"""Filters that track obstacles which move steadily, possibly on a lasting turn, and may suddenly change their motion.
+"""Tracking filters for steadily moving, possibly turning obstacles with sudden changes.
 
 Two extended Kalman filters of position, velocity and angular velocity of the direction (the coordinated turn;
 Bar-Shalom, Li and Kirubarajan, 2001, 11.7) use the same measurements. The steady one expects velocities to
@@ -25,10 +25,10 @@ class Expectations(NamedTuple):
 
     Attributes
     ----------
-    agility : spectral density of the accelerations that are not turns, of obstacles that do not stand still [m^2/s^3]
+    agility : spectral density of the accelerations that are not turns, of moving obstacles [m^2/s^3]
     fastest, sharpest : standard deviations of velocities and angular velocities [m/s], [rad/s]
     calm : factor on the density in the steady filter
-    slow, rest : share of `fastest` below which the density falls, and its factor for what rests
+    slow, rest : share of `fastest` below which the density falls, and its factor at rest
     drift : share of an angular velocity that is to be expected by which it changes within a second
     forgets : factor on the logarithm of the likelihood ratio per measurement
     ratio : natural logarithm of the likelihood ratio from which on the motion has changed
@@ -46,11 +46,12 @@ class Expectations(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """The estimates of two filters, the steady and the quick one in this order, for several obstacles.
+    """The estimates of the steady and the quick filter of several obstacles.
 
     Attributes
     ----------
-    state : array, shape (2, n, 9), positions [m], velocities [m/s] and angular velocities of their direction [rad/s]
+    state : array, shape (2, n, 9), of the steady, then the quick filter: positions [m], velocities [m/s] and angular
+        velocities of their direction [rad/s]
     covariance : array, shape (2, n, 9, 9)
     ratio : array, shape (n,), logarithm of the likelihood ratio of the steady to the quick filter for recent
         measurements, at most 0
@@ -89,15 +90,12 @@ class Belief(NamedTuple):
 
     @property
     def deviation(self) -> Array:
-        """Return the largest standard deviation of the position in any direction, of both filters.
-
-        Array, shape (n,) [m].
-        """
+        """Return the largest standard deviation of position, over directions and filters; array, shape (n,) [m]."""
         return np.sqrt(np.linalg.eigvalsh(self.covariance[:, :, POSITION, POSITION])[..., -1].max(axis=0))
 
 
 def unknown(position: Array, variances: Array) -> Belief:
-    """Return initial estimates from positions, (n, 3) [m], and variances of the states, (n, 9).
+    """Return initial estimates from positions, (n, 3) [m], and variances, (n, 9).
 
     A component that cannot change has the variance 0.
     """
@@ -125,7 +123,7 @@ def later(belief: Belief, dt: Array, expected: Expectations) -> Belief:
 
 
 def informed(belief: Belief, position: Array, variance: float, expected: Expectations) -> Belief:
-    """Return the estimates updated by measured positions, (n, 3) [m], with a variance [m^2] of each coordinate."""
+    """Update estimates by measured positions, (n, 3) [m], with a variance [m^2]. It is that of each coordinate."""
     state, covariance = belief.state.copy(), belief.covariance.copy()
     steady, quick = (_correct(*each, position, variance) for each in zip(state, covariance, strict=True))
     ratio = np.minimum(expected.forgets * belief.ratio + steady - quick, 0.0)
@@ -136,7 +134,7 @@ def informed(belief: Belief, position: Array, variance: float, expected: Expecta
 
 @kernel
 def _predict(state: Array, covariance: Array, dt: Array, density: Array, drift: float) -> None:
-    """Advance states (n, 9) and covariances (n, 9, 9) by times (n,), in place."""
+    """Advance states (n, 9) and covariances (n, 9, 9) in place. The times have the shape (n,)."""
     for i in range(len(dt)):
         h, forward = dt[i], np.eye(9)
         velocity, turn = state[i, VELOCITY].copy(), state[i, TURN]
@@ -172,7 +170,7 @@ def _predict(state: Array, covariance: Array, dt: Array, density: Array, drift: 
 
 @kernel
 def _correct(state: Array, covariance: Array, position: Array, variance: float) -> Array:
-    """Update states and covariances by measured positions, in place; return log-likelihoods of these, shape (n,)."""
+    """Update states and covariances in place; return log-likelihoods of the positions, shape (n,)."""
     told = np.empty(len(position))
     for i in range(len(position)):
         known = np.ascontiguousarray(covariance[i, POSITION])

@@ -1,11 +1,11 @@
-"""A small execution, which needs all kernels that executions of free end effectors need."""
+"""A small execution, which needs all kernels of free end effectors."""
 
 from comove.control.executor import Executor
 from comove.planning.kernels import SceneKind, small_scene
 
 
 def execute(budget: float = 0.5) -> None:
-    """Execute in small scenes, planar and spatial, among an obstacle that moves.
+    """Execute in small planar and spatial scenes with a moving obstacle.
 
     Parameters
     ----------

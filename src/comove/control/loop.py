@@ -1,8 +1,8 @@
-"""The control loop of an execution: replan, filter, move, and log it.
+"""The control loop of an execution: replan, filter, move and log.
 
 A `Replanner` keeps the reference: poses of the rigid groups, and joints where arms hold them. Where it is certified
 for exactly known motions it is followed exactly; otherwise the safety filter changes its velocities to keep clear of
-the obstacles that are seen now. `comove.control.Executor` moves free end effectors,
+the observed obstacles. `comove.control.Executor` moves free end effectors,
 `comove.robots.online.executor.JointExecutor` arms.
 """
 
@@ -30,7 +30,7 @@ from comove.verification.record import Record
 
 @dataclass(frozen=True)
 class Event:
-    """An event of an execution, which happened at `time` [s] and is described by `what`."""
+    """An event of an execution: its time [s] and description."""
 
     time: float
     what: str
@@ -45,7 +45,7 @@ def _latest() -> deque[Any]:
 
 @dataclass(eq=False)
 class ExecutionLog:
-    """The log of an execution, step by step; it holds the latest steps, plans and events, and does not grow.
+    """The log of an execution. Its size is bounded: it holds the latest steps, plans and events.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class ExecutionLog:
     blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
         border, the number of the file's obstacles for all else that is seen
     relaxed : by how much the safety filter had to relax its rows at most [m/s]
-    stopped : number of control steps in which arms had to stand at once
+    stopped : number of control steps in which arms had to stop at once
     evaluations, generations : totals of all plans
     first_plan : computing time until the first plan was found [s], None where there was none
     """
@@ -78,7 +78,7 @@ class ExecutionLog:
         self.plans, self.planned = self.plans + 1, self.planned + time
 
     def note(self, allowed: Allowed, scene: Scene) -> None:
-        """Note what the safety filter allowed: what hindered, and how far rows were relaxed."""
+        """Note the safety filter's result: blocking obstacle and relaxation."""
         self.relaxed = max(self.relaxed, allowed.relaxed)
         if allowed.blocking != NOTHING:
             row, named = allowed.blocking, len(scene.owners)
@@ -87,12 +87,12 @@ class ExecutionLog:
             self.blocking[who] = self.blocking.get(who, 0) + 1
 
     def quantile(self, q: float) -> float | None:
-        """Return a quantile of the computing times of control steps [s]; None without a step."""
+        """Return a quantile of the control steps' computing times [s]; None without steps."""
         return float(np.quantile(self.control, q)) if self.control else None
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Return what the summary of every stored execution says of it."""
+        """Return the execution's part of every stored summary."""
         return {
             "plans": self.plans,
             "control_s_median": self.quantile(0.5),
@@ -120,18 +120,18 @@ class Setpoint(NamedTuple):
 
 
 class Replanner(ABC):
-    """The base of what keeps the reference of a control loop."""
+    """The base class of reference generators for a control loop."""
 
     @abstractmethod
     def update(self, run: ControlLoop) -> None:
-        """Look ahead along the reference, and replace it where it fails or a better one is found."""
+        """Predict along the reference; replace it on failure or for a better one."""
 
     @abstractmethod
     def current(self, run: ControlLoop) -> Setpoint:
         """Return the setpoint of the present control step."""
 
     def advance(self, run: ControlLoop, pace: float) -> None:  # noqa: B027  a reference in time needs none
-        """Go on by a control period, at a share of the reference's pace."""
+        """Advance by a control period, at a share of the reference's speed."""
 
 
 class ControlLoop:
@@ -162,7 +162,7 @@ class ControlLoop:
         self._stop_at(poses_of(scene, "start"))
 
     def _stop_at(self, poses: HandPoses) -> None:
-        """Be at rest at some poses."""
+        """Rest at some poses."""
         self.poses, self.twists = poses, np.zeros((len(self.scene.groups), 6))
         self._before = np.zeros((len(self.scene.manipulators), 3))
 
@@ -179,12 +179,12 @@ class ControlLoop:
 
     @property
     def joints(self) -> Array:
-        """Return the commanded joints of the arms, none of end effectors alone; array, shape (n_joints,) [rad]."""
+        """Return the commanded joints of the arms, empty without arms; array, shape (n_joints,) [rad]."""
         return np.zeros(0)
 
     @property
     def ended(self) -> bool:
-        """Return whether there is nothing left to do."""
+        """Return whether the execution has ended."""
         return self.arrived
 
     @property
@@ -194,7 +194,7 @@ class ControlLoop:
 
     @one_blas_thread()
     def run(self, budget: float) -> Record:
-        """Execute until the payload has arrived, or for `budget` [s] of simulated time, and return the record.
+        """Execute until arrival, or for `budget` [s] of simulated time.
 
         Commands are followed exactly.
 
@@ -218,15 +218,14 @@ class ControlLoop:
         return self._recorded(self.record(poses), joints)
 
     def _follow(self) -> None:
-        """Perform one control step whose commands are followed exactly."""
         raise NotImplementedError
 
     def _recorded(self, record: Record, joints: list[Array]) -> Record:
-        """Return a record with the joints at its times, arrays of shape (n_joints,), where there are some."""
+        """Return a record with the joints, (n_joints,), at its times, if any."""
         return record
 
     def record(self, poses: list[HandPoses], scene: Scene | None = None) -> Record:
-        """Return the record of poses at every control step, on a scene in which obstacles moved as they did."""
+        """Return the record of poses at every control step. The obstacles' motions are those of `scene`, if given."""
         time = self.period * np.arange(len(poses), dtype=np.float64)
         if scene is None:
             truth = self._truth(time)
@@ -242,7 +241,7 @@ class ControlLoop:
 
     @property
     def blocker(self) -> str:
-        """Return what keeps the payload from its goal, in words; empty where nothing is known to."""
+        """Return the known reason why the payload is not at its goal. It is empty if none is known."""
         seen = self.observer.observe(self.time)
         still = np.zeros_like(seen.velocity)
         there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
@@ -253,7 +252,7 @@ class ControlLoop:
         return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
 
     def _truth(self, time: Array) -> tuple[Array, Array]:
-        """Return the true positions of the obstacles, and their distances from their chords between the steps."""
+        """Return the obstacles' true positions and their chord deviations between steps."""
         centers = self.observer.ground_truth(time)
         if self.observer.certain:
             return centers, self.scene.obstacle_sagittas(time)
@@ -263,7 +262,7 @@ class ControlLoop:
         )
 
     def distance_from(self, poses: HandPoses) -> float:
-        """Return the largest distance of an end effector from its place at other poses [m]."""
+        """Return the largest distance [m] of an end effector from other poses."""
         return float(np.linalg.norm(self.hands(self.poses) - self.hands(poses), axis=1).max())
 
     def hands(self, poses: HandPoses) -> Array:
@@ -283,7 +282,7 @@ class ControlLoop:
         self.log.control.append(clock.perf_counter() - self.log.planned - begun)
 
     def _advance(self, lag: float) -> None:
-        """Move by one control step, of whose commands the last one is missed by `lag`."""
+        """Move by one control step. The last command was missed by `lag`."""
         reference = self.replanner.current(self)
         if reference.exact:
             self.twists = twists_between(self.scene, self.poses, reference.ahead, self.period)
@@ -301,11 +300,11 @@ class ControlLoop:
         self.replanner.advance(self, pace)
 
     def _pace(self, reference: Setpoint, lag: float) -> float:
-        """Return the share of the reference's pace at which it goes on."""
+        """Return the reference's time scaling, 0 to 1."""
         return 1.0
 
     def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
-        """Return the state of the joints for the safety filter, which end effectors alone do not have."""
+        """Return the joints' state for the safety filter, if there are any."""
         return NO_JOINTS
 
     def _move(self, rates: Array) -> None:
@@ -313,6 +312,6 @@ class ControlLoop:
         self._placed(advanced(self.poses, self.twists, self.period))
 
     def _placed(self, poses: HandPoses) -> None:
-        """Be at the poses at the end of the step."""
+        """Set the poses at the end of the step."""
         self._before = (self.hands(poses) - self.hands(self.poses)) / self.period
         self.poses = poses

@@ -1,7 +1,7 @@
-"""Obstacles that are known only from measurements, which are noisy, delayed and sometimes missing.
+"""Obstacles known only from noisy, delayed and sometimes missing measurements.
 
-Centres are measured; how obstacles turn is known from the scene. Every obstacle is tracked by a steady and a quick
-filter (`filters`). The margin that is kept on top of the scene's clearance, for the present position after the delay
+Centres are measured; the rotations of obstacles are known from the scene. Every obstacle is tracked by a steady and a
+quick filter (`filters`). The margin that is added to the scene's clearance, for the present position after the delay
 and missed measurements, is `sigmas` standard deviations of the filter that is less certain: the quick one, which
 expects sudden turns.
 """
@@ -63,11 +63,11 @@ class Sensor:
 
 
 class Observed(Observer):
-    """An observer that tracks obstacles by measurements, which the caller passes on as they arrive.
+    """A tracker of obstacles by measurements, which the caller supplies.
 
     Parameters
     ----------
-    scene : the scene whose obstacles are observed; those without a `motion` stand still at their positions in it
+    scene : the scene whose obstacles are observed; those without a `motion` are static
     sensor : accuracy of the measurements
     """
 
@@ -85,7 +85,7 @@ class Observed(Observer):
         informed(self._predicted(np.arange(n), 0.0), scene.centers, self.sensor.noise**2, self._expected)
 
     def update(self, obstacle: int, center: ArrayLike, time: float) -> None:
-        """Take in one measurement.
+        """Update the tracks by one measurement.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class Observed(Observer):
         self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))
 
     def _take_in(self, which: Integers, centers: Array, time: float) -> None:
-        """Update the estimates of some obstacles by centres, (n_measured, 3) [m], measured at one instant [s]."""
+        """Update obstacles' estimates by centres, (n_measured, 3) [m], of an instant [s]."""
         belief = informed(self._predicted(which, time), centers, self.sensor.noise**2, self._expected)
         self._belief.put(which, belief)
         self._when[which] = time
@@ -134,7 +134,7 @@ class Observed(Observer):
         return later(self._belief.at(which), dt, self._expected)
 
     def observe(self, time: float) -> Sighting:
-        """Return the obstacles at their estimated positions, with a margin for the uncertainty."""
+        """Return the obstacles at estimated positions, with a margin of uncertainty."""
         center, n, moving = self.scene.centers.copy(), len(self._when), np.flatnonzero(self.scene.moving)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
         belief = self._predicted(moving, time)
@@ -150,12 +150,12 @@ class Observed(Observer):
 
 
 class Measured(Observed):
-    """An observer of synthetic measurements, generated from the true positions of obstacles to test a sensor.
+    """A tracker of synthetic measurements, generated from true positions for tests.
 
     Parameters
     ----------
     truth : observer of the true positions
-    sensor : accuracy of the measurements, which are taken once at every instant that is asked for
+    sensor : accuracy of the measurements, one at every observed instant
     rng : random numbers for noise and missing measurements
     """
 
@@ -164,7 +164,7 @@ class Measured(Observed):
         self._truth, self._rng = truth, rng
 
     def observe(self, time: float) -> Sighting:
-        """Measure, and return the obstacles at their estimated positions."""
+        """Measure; return the obstacles at their estimated positions."""
         then = time - self.sensor.delay
         if then >= 0.0 or not np.isfinite(self._when[self.scene.moving]).all():
             then = max(then, 0.0)  # before it begins, everything stands as it does at 0 s

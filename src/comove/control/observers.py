@@ -1,7 +1,7 @@
-"""The knowledge that an execution has of its obstacles: known motions, functions of time, or measurements.
+"""Obstacle states for an execution: known motions, functions of time, or measurements.
 
-An observer tells where obstacles are now (`observe`), and which motions it expects of them from now on (`predict`).
-It may be wrong: an estimate of its largest error is the margin that is kept on top of the clearance.
+An observer returns the present state of obstacles (`observe`), and predicts their motions (`predict`). Estimates may
+be wrong: a bound of their error is the margin that is added to the clearance.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ class Observer(ABC):
 
     @abstractmethod
     def observe(self, time: float) -> Sighting:
-        """Return the obstacles as estimated at an instant [s], which must not lie in the past."""
+        """Return the estimated obstacle states at a present or future instant [s]."""
 
     def bends(self, time: float) -> Array:
-        """Return the angular velocities with which the velocities of the sighting's rows turn; here none turns.
+        """Return the angular velocities of the velocities' directions; array, shape (n_rows, 3) [rad/s].
 
-        Array, shape (n_rows, 3) [rad/s].
+        They are 0 here.
         """
         return np.zeros((len(self.observe(time).table), 3))
 
     def predict(self, time: float) -> Scene:
-        """Return the scene as it is expected to be: its motions hold from that instant [s] on, turns included."""
+        """Return the predicted scene. Its motions hold from that instant [s] on, rotations included."""
         return going_on(self.scene, self.observe(time), self.bends(time), time)
 
     def ground_truth(self, time: Array) -> Array:
@@ -66,7 +66,7 @@ class Observer(ABC):
         return centers
 
     def carried(self, time: float, nodes: Array) -> None:  # noqa: B027  most need not know
-        """Take in where the load is at an instant [s]; `nodes` has the shape (n_nodes, 3) [m], hands first."""
+        """Set the payload's keypoints at an instant [s]; array, shape (n_nodes, 3) [m], end effectors first."""
 
 
 class Known(Observer):
@@ -95,7 +95,7 @@ class Functions(Observer):
     Parameters
     ----------
     scene : the scene to which the obstacles belong
-    positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it stands still
+    positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it is static
     instant, turn : times over which velocities, and their turning, are taken [s]
     sharpest : angular velocity of a turn that is still expected to go on [rad/s]
 
@@ -126,7 +126,7 @@ class Functions(Observer):
 
     @classmethod
     def of_motions(cls, scene: Scene) -> Functions:
-        """Return an observer of the scene's own motions, whose continuation is not known."""
+        """Return an observer of the scene's own motions with unknown future."""
         return cls(
             scene,
             [
@@ -151,7 +151,7 @@ class Functions(Observer):
         return centers
 
     def observe(self, time: float) -> Sighting:
-        """Return the obstacles at their present positions, with velocities from the last instant."""
+        """Return the obstacles' present positions. Velocities are differences from the last instant."""
         instant = self._instant
         before, now = self.ground_truth(np.array([max(0.0, time - instant), max(instant, time)]))
         return sighting(self.scene, now, (now - before) / instant, np.zeros(len(now)), time)
@@ -169,10 +169,10 @@ class Functions(Observer):
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """A motion that has constant speed and turns at a constant rate, also before `since`; straight without a turn.
+    """A motion of constant speed and turn rate, also before `since`.
 
-    It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
-    requires of a `comove.model.moving.Motion`.
+    It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001), and is straight without a
+    turn. It satisfies the protocol of `comove.model.moving.Motion`.
 
     Attributes
     ----------
@@ -215,17 +215,15 @@ class Turning:
         return np.cos(rate * time) * self.velocity + turned
 
     def sagittas(self, time: ArrayLike) -> Array:
-        """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
-        [m].
-        """
+        """Return the centre's largest distances from chords between times; array, shape (n_times - 1,) [m]."""
         rate = np.linalg.norm(self.bend)
         return self.speed * rate * np.diff(np.asarray(time, dtype=float)) ** 2 / 8
 
 
 def going_on(scene: Scene, seen: Sighting, bends: Array, time: float) -> Scene:
-    """Return the scene with obstacles that continue their motions as seen at an instant [s].
+    """Return the scene with obstacles that continue their observed motions.
 
-    Seen obstacles beyond those of the scene are appended.
+    Observed obstacles beyond those of the scene are appended. The instant is `time` [s].
 
     Parameters
     ----------
@@ -254,9 +252,9 @@ def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> A
 
 
 def sighting(scene: Scene, center: Array, velocity: Array, margin: Array, time: float) -> Sighting:
-    """Return the sighting, by row of the table, from positions, velocities and margins by obstacle.
+    """Return obstacle states by table row, from values by obstacle.
 
-    Obstacles turn as the scene says.
+    Obstacles turn as in the scene.
 
     Parameters
     ----------

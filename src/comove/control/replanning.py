@@ -1,8 +1,8 @@
-"""Replanning: the reference of an execution, and its replacement where it does not hold any more.
+"""Replanning: the reference of an execution, and its replacement.
 
-Free end effectors plan in space and time, from the present state on; arms choose courses on a roadmap in time
+Free end effectors plan in space and time, from the present state on; arms choose candidates on a roadmap in time
 (`comove.robots.online.pilot`). A plan that is certified for exactly known motions is exact. Otherwise it is a guide:
-every `Pace.watch` what is left of it is certified against the predicted obstacles, and a plan that fails is replaced.
+every `Pace.watch` the rest of it is certified against the predicted obstacles, and a plan that fails is replaced.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ class ExecutionSettings:
     Attributes
     ----------
     longer : factors on the shortest duration worth trying, tried in turn
-    hurry : duration of the shortest plan, as a multiple of the way at the speed limit
+    hurry : duration of the shortest plan, as a multiple of the path's at the speed limit
     shortest : least duration of a plan [s]
     catch_up : time constant of the return to a plan [s]
     homing, caution : time constant of the approach to the goal without a plan [s], and share of the speed limit
-    lost : distance behind a plan that was meant for something else [m]
+    lost : distance behind a plan at which it is discarded [m]
     spare : kept on top of the scene's clearance, as an execution is verified between its steps as well [m]
     n_remembered : configurations of the last plan that the next one may use
     at_leisure : method of the first plan, while nothing moves yet
@@ -101,7 +101,7 @@ SETTINGS = ExecutionSettings()
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A verified motion that begins at an instant [s]; `certain` where the obstacles move as the file says."""
+    """A verified motion that begins at an instant [s]. It is `certain` for obstacle motions of the file."""
 
     motion: CoordinatedMotion
     begins: float
@@ -113,7 +113,7 @@ class Plan:
         return self.begins + self.motion.scene.duration
 
     def poses(self, *time: float) -> list[HandPoses]:
-        """Return the poses of the rigid groups at some instants [s]; after the end, those of the goal."""
+        """Return the groups' poses at some instants [s]. After the end they are those of the goal."""
         s = np.clip((np.array(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
         return [poses_at(self.motion.coordinates, q) for q in self.motion.at(s)[0]]
 
@@ -145,7 +145,7 @@ class PlanReplanner(Replanner):
         run.tell(f"a plan that arrives at {plan.ends:.2f} s")
 
     def current(self, run: ControlLoop) -> Setpoint:
-        """Return the plan's poses, or without a plan those of the straight way to the goal, at moderate speed."""
+        """Return the plan's poses, or straight ones at moderate speed without one."""
         if self.plan is not None:
             here, ahead = self.plan.poses(run.time, run.time + run.period)
             return Setpoint(here, ahead, self.plan.certain)
@@ -155,7 +155,7 @@ class PlanReplanner(Replanner):
         return Setpoint(run.poses, advanced(run.poses, twists, run.period))
 
     def update(self, run: ControlLoop) -> None:
-        """Give up a plan that is expected to fail, and search for one where there is none."""
+        """Discard a plan that is predicted to fail; search for a new one."""
         if self.plan is not None and self.plan.certain:
             return
         now = run.time
@@ -172,7 +172,7 @@ class PlanReplanner(Replanner):
             self._patience = min(SETTINGS.most_patient, 2 * self._patience) if failed else self.pace.patience
 
     def _against(self, run: ControlLoop, plan: Plan) -> str:
-        """Return why a plan does not hold any more; empty if it does."""
+        """Return the reason why a plan no longer holds, or ""."""
         now, (there,) = run.time, plan.poses(run.time)
         if (behind := run.distance_from(there)) > SETTINGS.lost:
             return f"the load is {behind:.3g} m behind it"
@@ -225,7 +225,7 @@ class PlanReplanner(Replanner):
             log.first_plan = log.planned
 
     def remaining(self, scene: Scene, now: float) -> dict[str, DMP] | None:
-        """Return the rest of each demonstration from an instant on; None where it is nearly done or there is none."""
+        """Return the rest of each demonstration from an instant on. None without one, or near its end."""
         done = now / scene.duration
         if self.demonstration is None or done > SETTINGS.nearly_done:
             return None

@@ -1,10 +1,9 @@
-"""Tracking of point clouds: groups of points with velocities, and the spheres that contain them.
+"""Tracking of point clouds: groups of points with velocities, and covering spheres.
 
-A cloud's cells belong to the track whose spheres, moved on, are nearest; cells that are near to none begin a new
-track, and a track that has come apart becomes two with one velocity. Two that touch and move alike become one. The
-middle of a track's points is the measurement of a Kalman filter (1960) that treats accelerations as white noise;
-where a track has grown or shrunk by much, its middle is no measure of its motion, and the filter continues without
-it.
+A cloud's cells belong to the track whose predicted spheres are nearest; cells that are near to none begin a new
+track, and a track that has split becomes two with one velocity. Two that touch and move alike become one. The middle
+of a track's points is the measurement of a Kalman filter (1960) that treats accelerations as white noise; where a
+track has grown or shrunk by much, its middle is no measure of its motion, and the filter continues without it.
 
 A sphere that contains no point of a new cloud deep inside, and is nearest to none, is kept for a while and moves on
 with its track, as an obstacle that is hidden still exists; but no longer than it had been seen before.
@@ -53,12 +52,12 @@ def _require_positive(settings: Scanner | Association) -> None:
 
 @dataclass(frozen=True)
 class Association:
-    """Settings by which points of a cloud are associated with spheres and tracks of the one before.
+    """Settings of the association of points with earlier spheres and tracks.
 
     Attributes
     ----------
-    other : share of its points by which a track must grow or shrink for its middle to say nothing
-    deep : share of a sphere's radius; points so near to its centre say that it is still seen
+    other : share of its points by which a track must grow or shrink to ignore its middle
+    deep : share of a sphere's radius; points so near to its centre confirm it
     alike : difference of velocity up to which tracks that touch are one [m/s]
     forgotten : factor on a track's `stray` from one cloud to the next
     """
@@ -82,15 +81,15 @@ class Scanner:
     spacing : largest distance of neighbouring points on a surface [m]
     detail : largest distance of a sphere's surface from the points seen, apart from noise and spacing [m]
     most : largest number of spheres
-    own : distance within which points belong to the load or a hand, or to an obstacle of the file [m]
+    own : distance within which points belong to the payload or an end effector, or to an obstacle of the file [m]
     memory : time for which obstacles out of sight are kept [s]
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
     fastest : standard deviation of a velocity that is not known yet [m/s]
     sigmas : margin for noise and unknown motion, in standard deviations
     around : distance beyond the workspace up to which points count [m]
     future : time by which a cloud may be ahead of the clock [s]
-    history : time for which it is known where the load was [s]
-    association : how points are associated with what was seen before
+    history : time for which the payload's places are stored [s]
+    association : settings of the association of points with tracks
     """
 
     noise: float = 0.002
@@ -119,7 +118,7 @@ class Scanner:
 
 
 class Tracks(NamedTuple):
-    """Groups of points that move together, at the instant of the last cloud.
+    """Groups of points that move together, at the last cloud's instant.
 
     Attributes
     ----------
@@ -145,7 +144,7 @@ class Tracks(NamedTuple):
 
 
 class Spheres(NamedTuple):
-    """Spheres that must not be touched, at the instant of the last cloud.
+    """Spheres that must not be touched, at the last cloud's instant.
 
     Attributes
     ----------
@@ -162,7 +161,7 @@ class Spheres(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The tracks and spheres that are known at an instant [s], which is minus infinity before the first cloud."""
+    """The known tracks and spheres. The instant [s] is minus infinity before the first cloud."""
 
     time: float
     tracks: Tracks
@@ -191,7 +190,7 @@ def moved(memory: Memory, time: float, agility: float) -> Memory:
 
 
 def margins(memory: Memory, time: float, scanner: Scanner) -> Array:
-    """Return how far points in a sphere may have left it at a later instant [s]; array, shape (n_spheres,) [m].
+    """Return points' possible distances outside their spheres at `time` [s]; array, shape (n_spheres,) [m].
 
     The points themselves are known up to the noise, which the radii include; the margin is for their motion since.
     """
@@ -202,7 +201,7 @@ def margins(memory: Memory, time: float, scanner: Scanner) -> Array:
 
 
 def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Memory:
-    """Return the memory after a cloud, array of shape (n_points, 3) [m], of a later instant [s]."""
+    """Return the memory after a cloud, shape (n_points, 3) [m]. Its instant [s] is later."""
     edge, lapse = 0.5 * scanner.detail, time - memory.time
     cells, now = thinned(points, edge), moved(memory, time, scanner.agility)
     tracks, spheres = now.tracks, now.spheres
@@ -243,7 +242,7 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
 
 
 def _still(tracks: Tracks) -> Tracks:
-    """Return tracks of which nothing is seen now, with size 0.
+    """Return tracks without present points, with size 0.
 
     So any points that are seen again count as another size.
     """
@@ -253,7 +252,7 @@ def _still(tracks: Tracks) -> Tracks:
 def _measured(
     before: Tracks, points: Array, part: Integers, heirs: Integers, time: float, scanner: Scanner
 ) -> Tracks:
-    """Return one track per part: the track that it continues, corrected by the positions of its points."""
+    """Return one track per part. It continues a track, corrected by the positions of its points."""
     n, old = len(heirs), np.maximum(heirs, 0)
     size = np.bincount(part, minlength=n).astype(float)
     middle = np.stack([np.bincount(part, weights=column, minlength=n) for column in points.T], axis=1)
@@ -287,7 +286,9 @@ def _measured(
 
 
 def _parts(cells: Cells, label: Integers, velocity: Array, most_apart: float) -> tuple[Integers, Integers]:
-    """Sort cells into connected parts, each of cells of one track, of tracks that touch and move alike, or of none.
+    """Sort cells into connected parts, of one or of alike tracks.
+
+    Tracks that touch and move alike share a part; cells of no track have parts of their own.
 
     Parameters
     ----------
@@ -298,7 +299,7 @@ def _parts(cells: Cells, label: Integers, velocity: Array, most_apart: float) ->
     Returns
     -------
     part : array of int, shape (n_cells,), the part of each cell
-    heirs : array of int, shape (n_parts,), the track whose state each part takes over, -1 for none; the largest part
+    heirs : array of int, shape (n_parts,), the track that each part continues, -1 for none; the largest part
         of a track comes first
     """
     if not len(label):
@@ -323,7 +324,7 @@ def _parts(cells: Cells, label: Integers, velocity: Array, most_apart: float) ->
 def _joined(
     place: Integers, label: Integers, row: int, column: int, velocity: Array, most_apart: float
 ) -> Integers:
-    """Return, for each node, the first node to which it is connected; array of int, shape (n_nodes,).
+    """Return the first connected node for each node; array of int, shape (n_nodes,).
 
     Parameters
     ----------
@@ -371,12 +372,10 @@ def _root(root: Integers, i: int) -> int:
 def _nearest_spheres(
     points: Array, center: Array, radius: Array, reach: Array, deep: float
 ) -> tuple[Integers, Array, NDArray[np.bool_]]:
-    """Return each point's nearest sphere, -1 beyond all reaches, its distance from it, and which spheres are
-    confirmed.
+    """Return each point's nearest sphere, its distance, and which spheres are confirmed.
 
-    Spheres that are confirmed still contain a point nearer to their centre than the share `deep` of their radius, or
-    are nearest to one. Distances are from the
-    surface [m], negative inside.
+    The nearest is -1 beyond all reaches. Confirmed spheres contain a point nearer to their centre than the share
+    `deep` of their radius, or are nearest to one. Distances are from the surface [m], negative inside.
     """
     n, m = points.shape[0], center.shape[0]
     nearest, beyond = np.full(n, -1), np.full(n, np.inf)

@@ -1,4 +1,4 @@
-"""`solve`, the methods and objectives that it takes, and the choice of library movements."""
+"""`solve`, its methods and objectives, and the choice of library movements."""
 
 from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement

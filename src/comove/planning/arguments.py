@@ -1,4 +1,4 @@
-"""Checks of the arguments of `solve`, which reject a bad one by a message of one sentence."""
+"""Checks of the arguments of `solve`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def check_scene(scene: object) -> None:
 
 
 def check_budget(budget: object) -> None:
-    """Refuse what is neither a budget nor a positive number of seconds."""
+    """Reject anything but a budget or a positive number of seconds."""
     seconds = 1.0 if isinstance(budget, Budget) else budget
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
@@ -84,7 +84,7 @@ def check_options(
 
 
 def _object_for(given: object, known: Mapping[str, str], otherwise: str) -> str:
-    """Return the object to give in place of a name of the command line, with its import."""
+    """Return advice on the object to pass instead of a command-line name."""
     if isinstance(given, type):
         return f"give an object of this class: {given.__name__}()"
     if not isinstance(given, str):
@@ -108,7 +108,7 @@ def listed(constraints: object) -> tuple:
 
 
 def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
-    """Transfer a demonstration to the ends of every hand; array, shape (N_STEPS, n_manipulators, 3), [m].
+    """Transfer a demonstration to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3) [m].
 
     Raises
     ------
@@ -128,7 +128,7 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
     Raises
     ------
     OptionError
-        If a manipulator has no movement, a movement is for no manipulator, or something given is no movement.
+        If a manipulator has no movement, a movement is for no manipulator, or an argument is no movement.
     """
     if demonstration is None:
         return None
@@ -161,7 +161,7 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
 
 
 def warn_of_adaptation(movements: Sequence[DMP], scene: Scene, *, stacklevel: int = 2) -> None:
-    """Warn if the demonstration is magnified much, or leaves the workspace, at the scene's ends.
+    """Warn of a demonstration that is much magnified or leaves the workspace.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def warn_of_adaptation(movements: Sequence[DMP], scene: Scene, *, stacklevel: in
 
 
 def _outside(movements: Sequence[DMP], scene: Scene, hands: Array) -> str:
-    """Say by how much hands leave the workspace, if by more than `OUTSIDE`, and what would hold them."""
+    """Return the message that end effectors leave the workspace. It is empty up to `OUTSIDE`."""
     far = _beyond(hands, scene)
     k, i, _ = map(int, np.unravel_index(int(np.argmax(far)), far.shape))
     allowed = OUTSIDE * float((scene.upper - scene.lower).max())
@@ -206,7 +206,6 @@ def _outside(movements: Sequence[DMP], scene: Scene, hands: Array) -> str:
 
 
 def _beyond(hands: Array, scene: Scene) -> Array:
-    """Return how far hands are outside of the workspace along each axis [m]; shape of `hands`."""
     return np.maximum(np.maximum(scene.lower - hands, hands - scene.upper), 0.0)
 
 

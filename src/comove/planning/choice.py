@@ -1,4 +1,4 @@
-"""The choice of a library movement for a scene: all are transferred to the hands and evaluated together."""
+"""The choice of a library movement for a scene."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Movements = Library | Mapping[str, DMP] | Iterable[Primitive | DMP]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A library movement that was transferred to every hand of a scene, and its evaluation.
+    """A library movement transferred to every end effector, and its evaluation.
 
     Attributes
     ----------
     name : name of the movement
-    dmp : the movement as it was given, or laid into space if it is planar and that was asked for
+    dmp : the movement as it was given, or laid into space if it is planar and a plane was given
     passes : whether nothing is touched and no limit exceeded at the samples
     cost : J without its obstacle term
     penalty : penalty of obstacles (`ContactPenalty`)
@@ -75,7 +75,7 @@ def best_movement(
     ----------
     movements : a library, primitives, or DMPs (by name, or numbered); those of another dimension than the scene's,
         of joints, and rhythmic ones, are left out
-    scene : scene to whose hands each movement is transferred, as `solve` does
+    scene : scene to whose end effectors each movement is transferred, as `solve` does
     objective : weights of equation (4)
     plane : "xy", "xz" or "yz", plane into which planar movements are laid in a spatial scene
 
@@ -110,7 +110,7 @@ def best_movement(
 
 
 def suitable(movements: Movements, scene: Scene, plane: str | None = None) -> dict[str, DMP]:
-    """Return the movements that can be transferred to the hands of a scene, by name.
+    """Return the movements that can be transferred to a scene, by name.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def suitable(movements: Movements, scene: Scene, plane: str | None = None) -> di
 
 
 def _named(movements: Movements) -> Iterator[tuple[str, DMP, bool]]:
-    """Yield the movements with their names, and whether they are those of joints."""
+    """Yield the movements with their names, and whether they are of joints."""
     if isinstance(movements, Mapping):
         movements = [Primitive(name, dmp) for name, dmp in movements.items()]
     for i, movement in enumerate(movements):

@@ -1,8 +1,8 @@
-"""The clock of budgets, which compiled loops read as well: processor time, and a count of work.
+"""The clock of budgets: processor time and a count of work.
 
-A budget bounds the processor time of this process with all its threads: other programs and waiting cost nothing.
-Shares of a budget, and the budgets of what must come out alike on every machine, are counts of work: computed
-distances, and for other steps as many distances as would take about as long.
+Compiled loops read it as well. A budget bounds the processor time of this process with all its threads: other
+programs and waiting cost nothing. Shares of a budget, and budgets that must give the same result on every machine,
+are counts of work: computed distances, and for other steps as many distances as would take about as long.
 
 Kernels add to the count, and read the time after every few milliseconds of work. Once the budget is spent, they
 report every configuration as not free, so that their loops end; the caller checks the clock as well and ends the
@@ -37,7 +37,7 @@ def now() -> float:
 
 @dataclass(frozen=True)
 class Budget:
-    """The bounds of a search, which ends at whichever it reaches first.
+    """The bounds of a search, which ends at the first one reached.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Budget:
 
     @classmethod
     def of(cls, budget: float | Budget, option: str = "--budget") -> Budget:
-        """Return a number of seconds as a budget, and a budget as it is."""
+        """Return a number of seconds as a budget. A budget is returned unchanged."""
         if isinstance(budget, Budget):
             return budget
         return cls(float(budget), given=float(budget), option=option)
@@ -72,7 +72,7 @@ class Budget:
         return self.seconds <= 0.0 or self.work <= 0.0
 
     def after(self, seconds: float, work: float = 0.0) -> Budget:
-        """Return what is left after so much; how long it took does not change the size."""
+        """Return the rest of the budget after some seconds and work. The time spent does not change the size."""
         left = max(self.size - work, 0.0)
         return replace(self, seconds=self.seconds - seconds, work=self.work - work, size=left)
 
@@ -82,7 +82,7 @@ class Budget:
 
     @property
     def ran_out(self) -> str:
-        """Return that the budget ran out before a motion was verified, and what to do, in words."""
+        """Return the message that the budget ran out, and how to continue."""
         if self.given is None:
             return "the search was ended before a motion was verified"
         return (
@@ -99,7 +99,7 @@ _processor_time = types.ExternalFunction(_SYMBOL, types.float64())
 
 
 def clock_until(deadline: float = np.inf, work: float = np.inf) -> Array:
-    """Return a clock that expires at `deadline`, a time of `now` [s], or after so many computed distances."""
+    """Return a clock that expires at a deadline or work. The deadline is a time of `now` [s]."""
     clock = np.zeros(6)
     clock[LEFT], clock[MOST] = STRIDE, work
     wind(clock, deadline)
@@ -107,13 +107,13 @@ def clock_until(deadline: float = np.inf, work: float = np.inf) -> Array:
 
 
 def wind(clock: Array, deadline: float) -> None:
-    """Set a new deadline and let the clock run again, as after a compilation that postpones the deadline."""
+    """Set a new deadline and restart the clock, as after a compilation."""
     clock[DEADLINE], clock[UP] = deadline, 0.0
 
 
 @kernel
 def worked(clock, work):
-    """Add to the work counted, read the time if enough has been done since last, and return whether time is up."""
+    """Add to the work counted; return whether time is up. The time is read only once in a while."""
     clock[LEFT] -= work
     clock[WORK] += work
     if clock[WORK] > clock[MOST]:

@@ -14,5 +14,5 @@ __all__ = ["IN_ALL", "Compiled", "compiling"]
 def compiling(
     tell: KernelCallback | None = None, compiled: Compiled | None = None
 ) -> AbstractContextManager[Compiled]:
-    """Count the kernels that are compiled in a context, as `comove.compiled.counting`, by the clock of budgets."""
+    """Count the kernels compiled in a context, by the clock of budgets. See `comove.compiled.counting`."""
     return counting.compiling(tell, compiled, now)

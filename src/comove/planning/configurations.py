@@ -1,11 +1,12 @@
-"""Kernels of the load's configuration space, in which every configuration satisfies the rigid constraints.
+"""Kernels of the payload's configuration space.
 
-Configurations are those of `load_coordinates`. Along an edge between two of them, centres move on straight lines
-and orientations turn on great circles, so no node moves further than the edge's *span*: the displacement of
-a group's centre plus its reach times the angle. An edge is checked at its ends, then in the middle of what these do
-not cover, and so on: around a configuration with clearance d, no obstacle is met within the span d. Where obstacles
-move, the span relative to them counts. An edge with many steps of almost no length counts as not free. Two hands that
-must stay apart may both move: half of their distance beyond the separation counts as clearance.
+Its configurations, those of `load_coordinates`, satisfy the rigid constraints. Along an edge between two of them,
+centres move on straight lines and orientations turn on great circles, so no keypoint moves further than the edge's
+*span*: the displacement of a group's centre plus its reach times the angle. An edge is checked at its ends, then in
+the middle of the part that these do not cover, and so on: around a configuration with clearance d, no obstacle is met
+within the span d. Where obstacles move, the span relative to them counts. An edge with many steps of almost no length
+counts as not free. Two end effectors that must stay apart may both move: half of their distance beyond the separation
+counts as clearance.
 """
 
 from __future__ import annotations
@@ -74,11 +75,12 @@ class Space(NamedTuple):
     around : payload and all that it must not touch
     resting : displacements of obstacles that are where they are at 0 s: none
     query : things and accuracy of clearances
-    required : clearance that the scene asks for [m]
+    required : clearance that the scene requires [m]
     cap : largest clearance that is computed [m]
     clock : clock of the budget; no configuration is free after its deadline
     parts : array, shape (DEPTH, 2), scratch of the check of one edge
-    found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
+    found : array, shape (2,), numbers of paths found by RRT-Connect and by the multi-tree RRT, which the planner
+        counts
     settings : settings of the search
     """
 
@@ -98,7 +100,7 @@ class Space(NamedTuple):
 def configuration_space(
     scene: Scene, coordinates: Coordinates, settings: SpaceSettings = SETTINGS, clock: Array | None = None
 ) -> Space:
-    """Return the space of a scene in its load coordinates, with the clock of a search, or one without a deadline."""
+    """Return the space of a scene in its payload coordinates. Its clock has no deadline unless given."""
     reach, around, tolerance = (
         np.array([group.reach for group in coordinates.groups]),
         surroundings_of(scene),
@@ -121,10 +123,11 @@ def configuration_space(
 
 
 def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Array:
-    """Return the configuration of an end, lifted off its supports to a `margin` [m] beyond the clearance.
+    """Return an end's configuration, lifted off its supports to a margin [m].
 
-    Where other obstacles are nearer, it is the one with most clearance on the way; the end itself where it rests on
-    nothing. Paths are planned from there, as the clearance is kept throughout a path.
+    The margin adds to the clearance. Where other obstacles are nearer, the lifted configuration with most clearance
+    is returned; the end itself where it rests on nothing. Paths are planned from there, as they keep the clearance
+    throughout.
 
     Parameters
     ----------
@@ -161,7 +164,7 @@ def clearance_of(space, q, nodes, floor):
 
 @kernel(counted=False)
 def clearance_in_time(space, timing, node, nodes, floor):
-    """Return the same of a node with a time, at which obstacles are elsewhere; `timing` as of an edge."""
+    """Return `clearance_of` a node at its time; `timing` as of an edge."""
     if timing is None:
         return clearance_of(space, node, nodes, floor)
     return _clearance_at(space, timing.moved, instant_at(timing.moved, node[-1]), node, nodes, floor)
@@ -190,13 +193,13 @@ def _clearance_at(space, moved, instant, q, nodes, floor):
 
 @kernel
 def _tilt_left(space, b, q):
-    """Return the span [m] that a group may tilt further."""
+    """Return the span [m] that a group may still tilt."""
     return space.reach[b] * (space.blocks.tilt[b] - lean(space.blocks, b, q, np.empty(3)))
 
 
 @kernel
 def angle_between(kind, n_dims, p, q, o):
-    """Return the angle [rad] between the orientations of two configurations, which start at column o."""
+    """Return the angle [rad] between two orientations. They start at column o."""
     if kind == POINT:
         return 0.0
     if kind == ANGLE:
@@ -212,7 +215,7 @@ def angle_between(kind, n_dims, p, q, o):
 
 @kernel(counted=False)
 def span(space, p, q):
-    """Return an upper bound of the displacement of any node between two configurations [m]."""
+    """Bound the displacement of any keypoint between two configurations from above [m]."""
     blocks, longest = space.blocks, 0.0
     for b in range(blocks.kind.shape[0]):
         moved = 0.0
@@ -226,7 +229,7 @@ def span(space, p, q):
 
 @kernel
 def may_be_within(space, p, q, far):
-    """Return whether the span between two configurations may be less than `far` [m], by the first block's centre."""
+    """Return whether a span may be below `far` [m]. Only the first block's centre is compared."""
     moved, blocks = 0.0, space.blocks
     for axis in range(blocks.n_dims):
         c = blocks.center[0, axis]
@@ -236,7 +239,7 @@ def may_be_within(space, p, q, far):
 
 @kernel
 def way_length(space, way):
-    """Return the length of a path, array of shape (n_steps, n_columns), as the sum of its spans [m]."""
+    """Return the length of a path [m], the sum of its spans; `way` has the shape (n_steps, n_columns)."""
     length = 0.0
     for i in range(way.shape[0] - 1):
         length += span(space, way[i], way[i + 1])
@@ -245,7 +248,7 @@ def way_length(space, way):
 
 @kernel(counted=False)
 def interpolate(space, p, q, f, out):
-    """Write the configuration at the share f of the way from p to q; angles are unwrapped with respect to p."""
+    """Write the configuration at the share f from p to q. Angles are unwrapped with respect to p."""
     blocks = space.blocks
     for b in range(blocks.kind.shape[0]):
         kind, o, n_dims = blocks.kind[b], blocks.turn[b], blocks.n_dims
@@ -280,7 +283,7 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 
 @kernel(counted=False)
 def edge_is_free(space, p, q, margin, scratch, nodes):
-    """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q.
+    """Return whether the body keeps a margin [m] along an edge.
 
     Parameters
     ----------
@@ -292,7 +295,7 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
 
 @kernel(counted=False)
 def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
-    """Return the same of nodes with a time, at which obstacles are elsewhere, and whether the body is slow enough.
+    """Return whether an edge between timed nodes is free and slow enough.
 
     Parameters
     ----------
@@ -330,7 +333,7 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
 
 @kernel
 def deforms(space, one, other, margin):
-    """Return whether a path in the plane can be moved straight onto another while it keeps a margin [m].
+    """Return whether a planar path deforms into another with a margin [m].
 
     Parameters
     ----------
@@ -352,7 +355,7 @@ def deforms(space, one, other, margin):
 
 @kernel
 def nearest(space, tree, count, q):
-    """Return the index of the node of a tree that is nearest to q, of the first `count`."""
+    """Return the index of the nearest of the first `count` nodes."""
     best, least = 0, np.inf
     for i in range(count):
         if may_be_within(space, tree[i], q, least):
@@ -364,7 +367,7 @@ def nearest(space, tree, count, q):
 
 @kernel
 def random_configuration(space, rng, out):
-    """Write a random configuration, uniform in the workspace and over orientations, moved onto what bodies keep."""
+    """Write a random configuration, uniform in workspace and orientations. It meets the bodies' constraints."""
     blocks, lower, upper = space.blocks, space.around.lower, space.around.upper
     for b in range(blocks.kind.shape[0]):
         for axis in range(blocks.n_dims):
@@ -376,7 +379,7 @@ def random_configuration(space, rng, out):
 
 @kernel
 def random_turn(blocks, b, rng, out):
-    """Write a random orientation of one block, with its `up` near the vertical where it has to be."""
+    """Write a random orientation of a block. Its `up` is near the vertical where required."""
     o, most = blocks.turn[b], blocks.tilt[b]
     if most >= pi:
         random_orientation(blocks.kind[b], blocks.n_dims, o, rng, out)

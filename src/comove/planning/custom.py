@@ -1,6 +1,4 @@
-"""The search for what must be sampled, functions of the user and constraints of the scene: constrained CMA-ES, which
-begins at smooth motions.
-"""
+"""Constrained CMA-ES for functions of the user and sampled constraints."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CustomSettings:
-    """Settings of the search for what must be sampled.
+    """Settings of the search with sampled functions.
 
     Attributes
     ----------
@@ -56,7 +54,7 @@ SETTINGS = CustomSettings()
 def improve_own(
     search: Search, own: OwnFunctions, start: CoordinatedMotion, settings: CustomSettings = SETTINGS
 ) -> bool:
-    """Improve a motion by the user's functions, and return whether a verified motion was found.
+    """Improve a motion by the user's functions; return whether one was verified.
 
     A run that has converged is restarted from its result, as long as restarts improve the objective.
     """
@@ -79,13 +77,13 @@ def improve_own(
 
 @dataclass(frozen=True, eq=False)
 class _Variations:
-    """The motions about one, as CMA-ES sees them: a point is a change of the weights of the free basis functions.
+    """Variations of a motion for CMA-ES, as changes of the free weights.
 
     Attributes
     ----------
     search, own : the search, and the user's functions
     start : the motion
-    margin : margin that constraints are kept by [m]
+    margin : margin of the constraints [m]
     settings : settings of the search
     """
 
@@ -97,7 +95,7 @@ class _Variations:
 
     @cached_property
     def kept(self) -> list[tuple[Constraint, float]]:
-        """Return the constraints that are sampled, and the errors that they may have."""
+        """Return the sampled constraints and their admissible errors."""
         scene = self.search.scene
         ends = np.stack([scene.nodes_at(end)[: len(scene.manipulators)] for end in ("start", "goal")])
         # What an end needs of a tolerance no margin can keep.
@@ -115,7 +113,7 @@ class _Variations:
         return all_weights
 
     def values(self, x: Array) -> tuple[Array, Array]:
-        """Return the objectives, (n_points,), and the constraints, (n_points, n): clearance, limits, the user's."""
+        """Return objectives, (n_points,), and constraints, (n_points, n): clearance, limits, the user's."""
         search, scene, start, scale = self.search, self.search.scene, self.start, self.settings.scale
         population = self.moved(x)
         motions = [replace(start, weights=own_weights) for own_weights in population]

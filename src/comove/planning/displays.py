@@ -1,4 +1,4 @@
-"""The progress of a search as a line of text, which notebooks show and programs may ask for."""
+"""The progress of a search as a line of text."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Small searches of end effectors, which need all kernels that a search needs.
+"""Small searches of end effectors, which need all kernels of a search.
 
-Whoever is about to search requires the jobs of the scene's kind (`planning.warming`), so that kernels are compiled by
-all cores, before the time of the search is measured.
+A search first requires the jobs of its scene's kind (`planning.warming`), so that kernels are compiled by all cores
+before its time is measured.
 """
 
 from __future__ import annotations
@@ -54,24 +54,24 @@ class SceneKind:
 
     @property
     def jobs(self) -> tuple[str, ...]:
-        """Return the names of the jobs that need the same kernels, those that take longest first."""
+        """Return the jobs that need the same kernels, slowest first."""
         name = "planar" if self.n_dims == 2 else "spatial"
         more = ["moving plans"] * self.moving + ["meshes"] * self.meshes
         return f"{name} plans", f"{name} motions", *more
 
     @property
     def robot_jobs(self) -> tuple[str, ...]:
-        """Return the names of the jobs that need the kernels with which robots carry in scenes of the kind."""
+        """Return the jobs for robots in scenes of the kind."""
         return "robot motions", "robot plans, moving" if self.moving else "robot plans", *self.jobs
 
 
 def load_kernels(kind: SceneKind) -> None:
-    """Wait until all kernels that are needed to solve scenes of a kind are compiled, once after installation."""
+    """Wait until the kernels for scenes of a kind are compiled."""
     require(*kind.jobs)
 
 
 def plan_in(n_dims: int, moving: bool = False) -> None:
-    """Plan in a small scene, by all planners, and make the path a motion."""
+    """Plan in a small scene by all planners, and smooth the path."""
     kind = SceneKind(n_dims, moving)
     Quick(n_ways=2).run(_stand_in(kind), planner=True)  # the second path is compared with the first motion
     if n_dims == 3:
@@ -79,7 +79,7 @@ def plan_in(n_dims: int, moving: bool = False) -> None:
 
 
 def smooth_in(n_dims: int, meshes: bool = False) -> None:
-    """Make a path in a small scene a smooth motion: by the convex programme, with the certificate and the cost."""
+    """Smooth a path in a small scene by convex programming. Certificate and cost are included."""
     search = _stand_in(SceneKind(n_dims, meshes=meshes))
     boundary = search.objective.coordinates.boundary()
     way = boundary[0] + np.linspace(0.0, 1.0, N_STEPS)[:, None] * (boundary[2] - boundary[0])
@@ -88,7 +88,7 @@ def smooth_in(n_dims: int, meshes: bool = False) -> None:
 
 
 def _search_by_forest(search: Search) -> None:
-    """Search once by the planner that comes second, which spatial scenes need."""
+    """Search once by the second planner, which spatial scenes need."""
     coordinates = search.objective.coordinates
     space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
     flat = flat_direction(space.blocks.point)
@@ -97,7 +97,7 @@ def _search_by_forest(search: Search) -> None:
 
 
 def _stand_in(kind: SceneKind) -> Search:
-    """Return the search for a motion in a small scene of a kind."""
+    """Return a search in a small scene of a kind."""
     scene = small_scene(kind)
     way = np.linspace(0.0, 1.0, 41)
     dmp = DMP.fit(Demonstration(way, np.outer(minimum_jerk(way), np.ones(kind.n_dims))))

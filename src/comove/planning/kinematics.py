@@ -1,4 +1,4 @@
-"""Kinematics of what moves end effectors: within the limits of the scene alone, or of a robot as well."""
+"""Kinematics of end effectors: limited by the scene alone, or by a robot."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ CARRIED = 6e6  # of a certificate of joints
 
 
 class Kinematics:
-    """The kinematics of free end effectors, and the protocol of all others: what can be moved, and how fast.
+    """The kinematics of free end effectors, and the protocol of all others.
 
     Attributes
     ----------
-    has_limits : whether it limits motions besides the scene; then it plans, and is asked about movements
+    has_limits : whether it limits motions besides the scene; then it plans, and evaluates movements
     work_of_rollout, work_of_check : work of asking about a movement, and of verifying a motion
     """
 
@@ -44,16 +44,16 @@ class Kinematics:
 
     @property
     def duration(self) -> float:
-        """Return the duration in which motions are searched where the scene leaves it open [s]."""
+        """Return the duration of searches where the scene leaves it open [s]."""
         return 1.0
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Return the checks that a motion must pass, besides those of the scene."""
+        """Return the checks of a motion besides those of the scene."""
         return ()
 
     def planner(self, settings: PlannerSettings) -> Callable[..., Array | None]:
-        """Return the function that plans paths, as `comove.planning.planner.plan`; settings are of free ones."""
+        """Return the path planner, as `comove.planning.planner.plan`; settings are of free ones."""
         return partial(plan, settings=settings)
 
     def plan_in_time(
@@ -76,14 +76,14 @@ class Kinematics:
         return plan_in_time(world, start, goal, speed, margin, rng, max_nodes=max_nodes, **free)
 
     def on(self, scene: Scene) -> Kinematics:
-        """Return the kinematics on a scene that differs only in its duration and limits.
+        """Return the kinematics on a scene with another duration and other limits.
 
         Where obstacles move and the duration differs, they are elsewhere at the goal, and so may be its joints.
         """
         return self
 
     def along(self, nodes: Array) -> Follower | None:
-        """Return what follows movements near one, array of shape (n_steps, n_nodes, 3) [m]; None if nothing must."""
+        """Return the follower of movements near a given one, or None. `nodes` is (n_steps, n_nodes, 3) [m]."""
         return None
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
@@ -96,20 +96,20 @@ class Kinematics:
         return value
 
     def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function of a movement's number: penalty of what is impossible, and whether it looks possible.
+        """Return a function of a movement's number: its penalty, and whether it seems possible.
 
         Parameters
         ----------
-        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), end effectors first, evenly spaced in time [m]
         """
         return lambda k: (0.0, True)
 
     def shortest(self, motion: CoordinatedMotion) -> float:
-        """Return the least duration in which a movement can be executed [s], inf if it never can."""
+        """Return the least duration of a movement's execution [s]. It is inf if the movement is impossible."""
         return 0.0
 
     def stricter(self) -> Kinematics:
-        """Return a more careful one, after a movement that this one took for possible was rejected."""
+        """Return more careful kinematics, after the rejection of a movement deemed possible."""
         return self
 
 
@@ -118,7 +118,7 @@ FREE = Kinematics()
 
 
 class LimitedKinematics(Kinematics):
-    """The base class of what moves end effectors within limits of its own, such as a robot."""
+    """The base class of kinematics with own limits, such as robots."""
 
     has_limits: ClassVar[bool] = True
     work_of_rollout: ClassVar[float] = FOLLOWED
@@ -138,15 +138,15 @@ class LimitedKinematics(Kinematics):
         required: float,
         max_nodes: int,
     ) -> Array | None:
-        """Return a path that can be executed, or None; as `comove.planning.planner.plan`."""
+        """Return an executable path, or None; as `comove.planning.planner.plan`."""
 
     @abstractmethod
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return penalties of movements that are impossible or nearly so, and whether movements look possible.
+        """Return penalties of (nearly) impossible movements, and whether movements seem possible.
 
         Parameters
         ----------
-        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), end effectors first, evenly spaced in time [m]
 
         Returns
         -------
@@ -154,7 +154,7 @@ class LimitedKinematics(Kinematics):
         """
 
     def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function that asks as `ask` does about one of some movements, by its number."""
+        """Return a function that evaluates `ask` for one movement, by its number."""
 
         def ask(k: int) -> tuple[float, bool]:
             (penalty,), (possible,) = self.ask(nodes[k : k + 1])
@@ -177,10 +177,10 @@ class LimitedKinematics(Kinematics):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Return the check of whether a motion can be executed."""
+        """Return the check that a motion can be executed."""
         return (self.reasons,)
 
     def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
-        """Return an evaluation of rollouts with the penalties of `ask`, and which of them look possible."""
+        """Return an evaluation with the penalties and possible rollouts of `ask`."""
         penalty, possible = self.ask(objective.coordinates.nodes(q))  # arms hold the real load
         return value._replace(penalty=value.penalty + penalty, possible=possible)

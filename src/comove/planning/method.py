@@ -1,4 +1,4 @@
-"""The interface of methods, as `solve` uses it."""
+"""The interface of methods to `solve`."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class Method(ABC):
     coordinates: Callable[[Scene], Coordinates]
 
     def scene_of(self, scene: Scene) -> Scene:
-        """Return the scene that is solved and verified: the given one, or the part for which the method is made."""
+        """Return the scene to solve: the given one, or the method's part of it."""
         return scene
 
     def check(self, scene: Scene) -> None:
-        """Refuse a scene that the method is not made for, before anything is compiled."""
+        """Reject a scene that the method cannot solve, before anything is compiled."""
         self.coordinates(scene)
 
     @abstractmethod
     def run(self, search: Search, *, planner: bool) -> None:
-        """Search for motions and have `search` verify them, until no improvement is expected or time is up.
+        """Search for motions that `search` verifies. It ends without further improvement, or when time is up.
 
         Parameters
         ----------
@@ -48,7 +48,7 @@ class Method(ABC):
 
 
 def require_distances(scene: Scene) -> None:
-    """Refuse a scene whose hands no distance ties."""
+    """Reject a scene without a distance constraint."""
     if not scene.distances:
         raise OptionError(
             "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"

@@ -1,4 +1,4 @@
-"""The project's own methods: plan, fit, verify and polish; or, without a planner, grow the load."""
+"""The default methods: plan, fit, verify and polish, or payload-size continuation."""
 
 from __future__ import annotations
 
@@ -64,33 +64,33 @@ REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 
 @dataclass(frozen=True)
 class MethodSettings:
-    """Settings of how the methods below plan, judge and grow; what may be chosen for each method are its own fields.
+    """Settings of the methods below. Settings that differ between methods are fields of theirs.
 
     Attributes
     ----------
     margins : margins of planned paths, tried in turn, in the plane and in space [m]
     most_nodes : largest number of nodes of a plan
-    n_certified : fits of one path judged, in order of their cost, before the next plan
-    n_asked : fits that limited kinematics are asked about
-    most_doubted : judged of these that they take for impossible: their model of arms is a little too wide
-    restarts : times that the load grows before planning is tried again
-    turns : extra turns of the load, by restart
+    n_certified : fits of one path that are verified, in order of cost, before the next plan
+    n_asked : fits that limited kinematics evaluate
+    most_doubted : verified among those that they deem impossible, as their model of arms is a little too wide
+    restarts : continuations of the payload size before planning is tried again
+    turns : extra turns of the payload, by restart
     rounds, draws, spread : rounds of bumps, bumps drawn in each, and their height [m]
     worth_another : relative gain below which another path counts as no better
     compared : samples between those at which a path is compared with motions
     n_polished : cheapest fits of different plans that convex programmes improve
-    hasty_idle : paths without gain that are enough where the duration is minimised, which takes longer
+    hasty_idle : paths without gain that end the slower minimisation of the duration
     smoothing_share : share of the work of the budget before functions of the user are minimised
     n_starts : smooth motions from which these are minimised
     hopeless : penetration from which on a new start is better than a stricter search [m]
-    mending, growing, repairing : schedules by which a motion that is only too fast is mended, the load grows, and a
-        rejected motion of the whole load is repaired
-    threaded_sigma : first step size of growing from a way that the smallest load has found
+    mending, growing, repairing : schedules that slow a motion that is only too fast, grow the payload, and repair a
+        rejected motion of the full payload
+    threaded_sigma : first step size of continuation from a path of the smallest payload
     polishing_again : first step size of polishing after a rejection
-    space : settings of distances and steps in the load's configuration space
+    space : settings of distances and steps in the payload's configuration space
     planner, in_time : settings of the planners, in space and in space and time
-    smoothing : settings of how paths become smooth motions
-    custom : settings of how functions of the user are minimised
+    smoothing : settings of the smoothing of paths
+    custom : settings of the minimisation of the user's functions
     """
 
     margins: tuple[tuple[float, ...], tuple[float, ...]] = (
@@ -130,7 +130,7 @@ SETTINGS = MethodSettings()
 
 @dataclass(frozen=True)
 class Comove(Method):
-    """The default method, which plans, fits, verifies and polishes; or grows the load if planning is off or fails.
+    """The default method, which plans, fits, verifies and polishes. Payload-size continuation follows if this fails.
 
     Attributes
     ----------
@@ -138,20 +138,20 @@ class Comove(Method):
     coordinates : function of a scene that returns the coordinates of the search
     n_basis : shape weights a column when polishing
     n_basis_fine : shape weights a column for plans that need more
-    n_basis_growing : shape weights a column while the load grows
+    n_basis_growing : shape weights a column during the payload-size continuation
     n_plans : plans whose fits are compared before the best is polished
-    n_failures : plans that may fail before the load is grown instead
+    n_failures : plans that may fail before the payload-size continuation
     n_nodes : number of nodes of the first plans; restarts beat long attempts
     n_restarts : failed plans after which the number of nodes of the next is doubled
-    n_unfit : plans without a verified fit after which a rejected fit is mended
+    n_unfit : plans without a verified fit after which a rejected fit is repaired
     n_polishings : times that a motion is optimised, with a stricter objective after each rejection
     n_ways, n_idle : paths that are smoothed at most, and paths without gain after which smoothing ends
     n_drawn : plans from which each path to be smoothed is chosen, in the plane and in space
     n_met : paths that lead to a motion as good as the best after which smoothing ends
     polishing : schedule by which a verified motion is improved
-    before : array, shape (n_before, n_columns), earlier path in load coordinates, at even times, with which plans
+    before : array, shape (n_before, n_columns), earlier path in payload coordinates, at even times, with which plans
         among moving obstacles begin; None for none
-    settings : what else the method does
+    settings : further settings
     """
 
     name: ClassVar[str] = "comove"
@@ -184,7 +184,7 @@ class Comove(Method):
                 done = stage()
 
     def _stages(self, search: Search, planner: bool) -> Stages:
-        """Yield what is tried one after the other."""
+        """Yield the stages of the search in order."""
         if search.own is not None:
             return bool((yield partial(self._customise, search, search.own, planner=planner)))
         if search.taught is not None and search.objective.weights.resemblance > 0:
@@ -198,9 +198,7 @@ class Comove(Method):
         return True
 
     def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> bool:
-        """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
-        optimise with all of it from the best motions.
-        """
+        """Find smooth motions without the sampled functions, then optimise with them."""
         clock = search.clock
         base = replace(
             search,
@@ -237,7 +235,7 @@ class Comove(Method):
         return search.found.best is not None
 
     def _planned(self, search: Search) -> Stages:
-        """Plan paths, and make them smooth motions, or fit motions to them, as the objective asks."""
+        """Plan paths; smooth them or fit motions, as the objective requires."""
         plans = Plans.of(search, self)
         if search.aim.is_smooth:
             if (yield partial(self._smooth, search, plans)):
@@ -248,7 +246,7 @@ class Comove(Method):
         return bool((yield partial(self._fitted, search, plans)))
 
     def _fitted(self, search: Search, plans: Plans) -> bool:
-        """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
+        """Plan, fit, verify, and polish the best; return whether a good motion was found."""
         plans_are_dear = not (search.kinematics.has_limits or plans.in_time)  # beside mending
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit = 0, 0
@@ -282,11 +280,11 @@ class Comove(Method):
         return bool(starts)
 
     def _smooth(self, search: Search, plans: Plans) -> bool:
-        """Smooth several planned paths, and the demonstration; return whether a motion was found that will do.
+        """Smooth planned paths and the demonstration; return whether a good motion was found.
 
         The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
-        smoothed first: long paths seldom make good motions. In the plane, those that can be deformed into a motion
-        that is known would become the same. Where one path is enough, that of the demonstration is.
+        smoothed first: long paths seldom make good motions. In the plane, those that can be deformed into a known
+        motion would become the same. Where one path is enough, that of the demonstration is.
         """
         failures = idle = met = smooth = 0
         known = list[tuple[Array, float]]()
@@ -375,10 +373,10 @@ class Comove(Method):
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, mend: bool
     ) -> tuple[float, CoordinatedDMP] | None:
-        """Return the cheapest verified fit of a plan and its cost; None if none of the cheapest is verified.
+        """Return a plan's cheapest verified fit and its cost; None if there is none.
 
         A path with sharp bends is fitted again, with more weights. If `mend` is set and no fit is verified, the best
-        one that touches nothing is mended instead.
+        one without contact is repaired instead.
         """
         hopeful, doubted = None, 0
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
@@ -419,7 +417,7 @@ class Comove(Method):
         return None
 
     def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
-        """Improve a verified motion, with a stricter objective until the result is verified as well."""
+        """Improve a verified motion, with stricter objectives until the result is verified."""
         search.journal.stage = "polishing"
         objective, schedule = search.objective, self.polishing
         for _ in range(self.n_polishings):
@@ -433,7 +431,7 @@ class Comove(Method):
             )
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
-        """Optimise motions while the load grows to its full size; return True once one is verified and polished."""
+        """Optimise motions by payload-size continuation; return whether one is verified and polished."""
         basis = search.basis(self.n_basis_growing, "acceleration")
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
@@ -469,7 +467,7 @@ class Comove(Method):
 
 @dataclass(frozen=True)
 class Quick(Comove):
-    """A faster method that plans few paths and returns the best verified motion without polishing."""
+    """A faster method with few plans and no polishing."""
 
     name: ClassVar[str] = "quick"
     n_plans: int = 2
@@ -479,13 +477,12 @@ class Quick(Comove):
     polishing: Schedule = UNPOLISHED
 
     def _stages(self, search: Search, planner: bool) -> Stages:
-        """Plan, fit and verify; the load is never grown."""
         return (yield from self._planned(search))
 
 
 @dataclass(frozen=True)
 class Guide(Quick):
-    """A method for callers that keep the limits themselves: it accepts motions that touch nothing but are too fast.
+    """A method for callers that keep the limits. It accepts motions without contact that are too fast.
 
     Attributes
     ----------
@@ -519,7 +516,7 @@ class Plans(NamedTuple):
     ----------
     space : configuration space of the payload
     ends : boundary of the motions, as in `CoordinatedMotion`
-    targets : what plans
+    targets : planner
     in_time : whether plans are in time as well
     """
 
@@ -530,7 +527,7 @@ class Plans(NamedTuple):
 
     @classmethod
     def of(cls, search: Search, method: Comove) -> Plans:
-        """Return what plans for a search by a method."""
+        """Return the planner for a search by a method."""
         planning = load_coordinates(search.scene)
         space = configuration_space(search.scene, planning, method.settings.space, search.clock.array)
         ends = planning.boundary()
@@ -540,7 +537,7 @@ class Plans(NamedTuple):
 
 
 def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:
-    """Return the cost of a known motion that a path can be deformed into; None if there is none."""
+    """Return the cost of a known motion that a path deforms into."""
     way = np.ascontiguousarray(way)
     return next((cost for path, cost in known if deforms(space, way, path, 0.0)), None)
 
@@ -550,9 +547,10 @@ def _unsampled(scene: Scene) -> Scene:
 
 
 def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
-    """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest.
+    """Return a planner in space; `ends` is a boundary at rest.
 
-    A payload is lifted off its supports and set down on them, and paths are planned in between.
+    Its paths are run with several time profiles. A payload is lifted off its supports and set down on them, and paths
+    are planned in between.
     """
     scene, at_start, at_goal = search.scene, ends[0], ends[2]
     margins = method.settings.margins[scene.n_dims - 2]
@@ -579,13 +577,13 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
 def _between_supports(
     space: Space, path: Array, times: Array, ends: tuple[Array, Array, Array, Array], speed: float
 ) -> tuple[Array, Array]:
-    """Return a path between lifted ends, with its times, from the start itself to the goal itself.
+    """Extend a path between lifted ends to the start and goal; return its times too.
 
     Parameters
     ----------
     path, times : arrays, shapes (n_configurations, n_columns) and (n_configurations,)
     ends : start, lifted start, lifted goal and goal; arrays, shape (n_columns,)
-    speed : speed of which a payload is lifted and set down with half [m a duration]
+    speed : speed; a payload is lifted and set down at half of it [m a duration]
     """
     start, high, low, goal = ends
     if high is start and low is goal:
@@ -600,7 +598,7 @@ def _between_supports(
 
 
 def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
-    """Return a planner in space and time, whose paths are smoothed by several widths; `ends` is a boundary."""
+    """Return a planner in space and time, with smoothed paths; `ends` is a boundary."""
     scene, (start, velocity, goal, _), settings = search.scene, ends, method.settings.in_time
     coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS, settings)
     world = spacetime(scene, space, settings)
@@ -639,7 +637,7 @@ def first_guess(
     restart: int,
     settings: MethodSettings = SETTINGS,
 ) -> CoordinatedDMP:
-    """Return the demonstration, if there is one, at every third restart, else the straight way with some turn."""
+    """Return the demonstration, or the straight line with some turn. Every third restart uses the demonstration."""
     if search.taught is not None and restart % 3 == 0:
         return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
     boundary = coordinates.boundary(turn=settings.turns[restart % len(settings.turns)])
@@ -650,7 +648,7 @@ def first_guess(
 def threaded(
     search: Search, objective: Objective, dmp: CoordinatedDMP, settings: MethodSettings = SETTINGS
 ) -> CoordinatedDMP | None:
-    """Add one bump a round, the best of many random ones, until the smallest load is free; None if it never is."""
+    """Add the best random bump each round until the smallest payload fits. Return None on failure."""
     directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
     for _ in range(settings.rounds):
         search.check_time()

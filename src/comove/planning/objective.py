@@ -1,14 +1,14 @@
-"""The objective, equation (4) of the paper, and the penalties of the search, in one pass over a population.
+"""Equation (4) of the paper and search penalties, evaluated over a population.
 
 In unit duration and with T samples,
 
     J = c_goal 1/T sum_t sum_i |y_i - g_i|^2 + c_vel (T-1)^2/T sum_t sum_i |y_i(t+1) - y_i(t)|^2
-        + c_obst 1/T sum_t sum_m I(the load or a hand is in obstacle m at t)
+        + c_obst 1/T sum_t sum_m I(the payload or an end effector is in obstacle m at t)
         + c_res 1/T sum_t sum_i |y_i - d_i|^2
 
 where d_i is the demonstration transferred to manipulator i. The indicator I is reported; a search minimises a penalty
-of penetration with a slope in its place (`ContactPenalty`), which is evaluated between the samples too. Hands that
-must stay apart are treated alike: their distance beyond the separation counts as a clearance.
+of penetration with a slope in its place (`ContactPenalty`), which is evaluated between the samples too. End effectors
+that must stay apart are treated alike: their distance beyond the separation counts as a clearance.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Cost:
 class ContactPenalty(NamedTuple):
     """The penalty of obstacles in a search: ``slope * max(0, margin - d) + step * (d <= 0)``.
 
-    Here d is the clearance beyond the one that the scene asks for (`limits.clearance`).
+    Here d is the clearance beyond the scene's (`limits.clearance`).
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class ContactPenalty(NamedTuple):
     limits : share of the speed and acceleration limits that the search keeps to
     near : share of the speed limit, lowered by `limits`, from which on a motion counts as too fast
     between, parts : distance between poses that are checked [m], and most of them between two samples
-    tolerance : of the distance along a load's edge [m]
+    tolerance : of the distance along a payload's edge [m]
     """
 
     margin: float = 0.01
@@ -88,10 +88,11 @@ class Evaluation(NamedTuple):
     cost : J without its obstacle term
     penalty : penalty of obstacles, the border and separations
     clearance : least clearance that was found [m], capped at the scene's clearance plus the margin (at least a
-        millimetre); for hands that must stay apart, the scene's clearance plus their distance beyond the separation
+        millimetre); for end effectors that must stay apart, the scene's clearance plus their distance beyond the
+        separation
     hits : mean number of touched obstacles over the samples, the indicator term of (4)
-    speed : largest speed of a hand [m/s]
-    acceleration : largest acceleration of a hand [m/s^2]
+    speed : largest speed of an end effector [m/s]
+    acceleration : largest acceleration of an end effector [m/s^2]
     terms : array, shape (n_rollouts, 3), terms of goal, velocity and resemblance
     possible : whether the kinematics can execute the rollout
     """
@@ -138,7 +139,7 @@ class Objective:
         Parameters
         ----------
         q : array, shape (n_rollouts, n_columns, n_steps)
-        size : size of the load, 1 for the real one
+        size : size of the payload, 1 for the real one
         """
         nodes = self.coordinates.nodes(q, size)
         return self.evaluate_nodes(nodes, self.scene.displacements_along(nodes.shape[1]))
@@ -177,7 +178,7 @@ class Objective:
         )
 
     def search_value(self, evaluation: Evaluation) -> Array:
-        """Return what a search minimises: cost plus penalties of obstacles and limits; shape (n_rollouts,)."""
+        """Return the search objective: cost plus penalties of obstacles and limits; shape (n_rollouts,)."""
         value = evaluation.cost + evaluation.penalty
         speed, acceleration = self.limit_ratios(evaluation)
         near = self.penalty.near
@@ -252,7 +253,7 @@ def _evaluate(around, nodes, n_hands, moved, offsets, taught, cost_weights, cont
 
 @kernel(counted=False)
 def _obstacle_penalty(around, x, moved, contact, needed, scratch):
-    """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
+    """Return a rollout's penalty, least clearance and mean number of touched obstacles. The clearance is capped.
 
     Parameters
     ----------
@@ -260,8 +261,8 @@ def _obstacle_penalty(around, x, moved, contact, needed, scratch):
     x : array, shape (n_steps, n_nodes, 3) [m]
     moved : Displacements of the obstacles at the steps
     contact : ContactPenalty, whose margin is one of the clearance itself
-    needed : clearance that the scene asks for [m]
-    scratch : arrays for things that are near, for directions of `Query`, for nodes, and for distances by obstacle
+    needed : clearance that the scene requires [m]
+    scratch : arrays for near things, directions of `Query`, keypoints, and distances by obstacle
     """
     margin, n_steps, n_rows = contact.margin, x.shape[0], around.obstacles.shape[0]
     near, normals, pose, least_of = scratch
@@ -323,7 +324,6 @@ def _longest(x, t, after):
 
 @kernel(counted=False)
 def _between(x, t, after, f, out):
-    """Write the points of x at a share f of the time between two samples."""
     for n in range(x.shape[1]):
         for axis in range(3):
             out[n, axis] = x[t, n, axis] + f * (x[after, n, axis] - x[t, n, axis])
@@ -331,7 +331,7 @@ def _between(x, t, after, f, out):
 
 @kernel(counted=False)
 def chord_distance(x, t, after, i, j):
-    """Return the least distance [m] of the hands i and j while both go straight from sample t to sample `after`."""
+    """Return the least distance [m] of two end effectors between two samples. Both move straight."""
     along, step = 0.0, 0.0
     for axis in range(3):
         here, there = x[t, i, axis] - x[t, j, axis], x[after, i, axis] - x[after, j, axis]

@@ -1,4 +1,4 @@
-"""The shortest durations: of a motion, from bounds of its rates at every instant, and among moving obstacles."""
+"""The shortest durations of motions, and of searches among moving obstacles."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ NONE = dict.fromkeys(LIMITS, 1e6)  # limits so high that they have no effect
 
 
 def with_limits(scene: Scene, limits: Mapping[str, float] = LIMITS) -> Scene:
-    """Return the scene with `LIMITS`, or other values, in place of the limits that it leaves out."""
+    """Return the scene with default limits where it leaves them out."""
     return scene.with_limits(limits)
 
 
 def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -> CoordinatedMotion:
-    """Return the movement, made as fast as the limits of a scene allow, on that scene with the new duration.
+    """Return the movement on the scene, as fast as the limits allow.
 
     Parameters
     ----------
@@ -46,22 +46,19 @@ def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -
 
 
 def too_short(scene: Scene, needed: float) -> str:
-    """Return the message that a duration is too short, and that 2 % more than `needed` [s] would do.
-
-    That much is reached from other starts as well.
-    """
+    """Return the message that a duration is too short. 2 % more than `needed` [s] suffices, from other starts too."""
     return f"{scene.duration:g} s are too short for the limits: {rounded_up(1.02 * needed, 3):g} s would do"
 
 
 def would_do(needed: float) -> str:
-    """Return the message that a duration 2 % longer than `needed` [s] is known to do; see `too_short`."""
+    """Return the message of a sufficient duration, 2 % above `needed` [s]."""
     return f"a duration of {rounded_up(1.02 * needed, 3):g} s would do"
 
 
 def least_possible(scene: Scene) -> float:
-    """Return a lower bound of the duration of any motion [s]: straight lines from rest to rest, each limit by itself.
+    """Bound any motion's duration [s] from below. Straight lines from rest to rest keep each limit by itself.
 
-    For scenes that go on from another movement no bound is known, and the result is 0.
+    For scenes that continue another movement no bound is known, and the result is 0.
     """
     if scene.begins > 0 or any(group.start_twist.any() for group in scene.groups):
         return 0.0
@@ -103,7 +100,7 @@ SETTINGS = DurationSettings()
 
 
 def alone(scene: Scene, taught: tuple[DMP, ...] | None, n_basis: int = 30) -> float:
-    """Return the least duration of the straight way, or of the demonstration, if there were no obstacles [s].
+    """Return the least duration without obstacles [s]. The path is straight, or that of the demonstration.
 
     Parameters
     ----------
@@ -125,7 +122,7 @@ def shortest(
     closely: bool,
     settings: DurationSettings = SETTINGS,
 ) -> Generator[Any, Any, list[Solution]]:
-    """Try increasing durations until a motion is verified; then, if `closely`, bisect down to the last that failed.
+    """Increase the duration until a motion is verified. If `closely`, bisect down to the last failure then.
 
     A duration longer than a successful one may fail, as obstacles are elsewhere at each instant: the result is the
     shortest success among the durations tried.

@@ -1,4 +1,4 @@
-"""Planners in the load's own configuration space: RRT-Connect, a forest for spatial scenes, and shortcuts.
+"""Planners in the payload's configuration space: RRT-Connect, multi-tree RRT and shortcuts.
 
 Every configuration on a path satisfies the rigid constraints by construction, and every edge keeps its margin all
 along (`comove.planning.configurations`).
@@ -34,13 +34,14 @@ from comove.planning.world import World
 
 
 class ForestSettings(NamedTuple):
-    """Settings of the forest.
+    """Settings of the multi-tree RRT.
 
     Attributes
     ----------
     n_bridges, bridges : number of bridges before other nodes are added, and their share afterwards
     slides : lengths of slides between two obstacles, in terms of the reach
-    retractions, settling : random steps by which a pose in collision may escape, and by which a bridge finds room
+    retractions, settling : random steps by which a pose in collision may escape, and by which a bridge gains
+        clearance
     projections : projections onto each of two obstacles, for points that face each other
     in_place, stays : limits that keep a bridge in its window: of its steps, in terms of the usual step, and of all of
         them together, in terms of the reach
@@ -71,10 +72,11 @@ class PlannerSettings:
     Attributes
     ----------
     few_nodes : number of nodes of a first attempt: restarts beat long attempts
-    brief, brief_forest : numbers of nodes of brief attempts by RRT-Connect and the forest, for paths that are easy
-    sure : lead of the forest in paths found, after which RRT-Connect is not tried any more
+    brief, brief_forest : numbers of nodes of brief attempts by RRT-Connect and the multi-tree RRT, for paths that are
+        easy
+    sure : lead of the multi-tree RRT in paths found, after which RRT-Connect is not tried any more
     n_shortcuts : number of shortcuts that are tried
-    forest : settings of the forest
+    forest : settings of the multi-tree RRT
     """
 
     few_nodes: int = 1000
@@ -99,7 +101,7 @@ def plan(
     max_nodes: int = SETTINGS.few_nodes,
     settings: PlannerSettings = SETTINGS,
 ) -> Array | None:
-    """Plan and shorten a path from start to goal that keeps a margin; None if none is found.
+    """Plan and shorten a path that keeps a margin; None if there is none.
 
     Parameters
     ----------
@@ -128,7 +130,7 @@ def plan(
 
 
 def _turns(space: Space, max_nodes: int, settings: PlannerSettings) -> list[tuple[bool, int]]:
-    """Return planners in the order of use: for each, whether it is the forest, and its number of nodes.
+    """Return the planners in order: whether it is the multi-tree RRT, and its nodes.
 
     In the plane RRT-Connect suffices, and for several bodies there is no other. In space each of the two is much
     faster on scenes on which the other rarely finds a path: they take turns until one has found more paths.
@@ -146,7 +148,7 @@ def _turns(space: Space, max_nodes: int, settings: PlannerSettings) -> list[tupl
 
 
 def continuous(space: Space, path: Array) -> Array:
-    """Return a path, (n_configurations, n_columns), with unwrapped angles and quaternions of continuous sign."""
+    """Return a path with unwrapped angles and continuous quaternions; array, shape (n_configurations, n_columns)."""
     path = path.copy()
     blocks = space.blocks
     for kind, o in zip(blocks.kind, blocks.turn, strict=True):
@@ -161,7 +163,7 @@ def continuous(space: Space, path: Array) -> Array:
 
 @kernel
 def along(space, path, shares):
-    """Interpolate a path at given shares of its length (the sum of its spans).
+    """Interpolate a path at shares of its length, the sum of spans.
 
     Parameters
     ----------
@@ -184,7 +186,7 @@ def along(space, path, shares):
 
 @kernel
 def sample(space, path, reached, at, out):
-    """Write a path at some of the times, or lengths, by which its configurations are reached.
+    """Write a path at times, or lengths, between those of its configurations.
 
     An array is filled and none returned, as assigning one to a row of another would take seconds to compile.
 
@@ -204,11 +206,11 @@ def sample(space, path, reached, at, out):
 
 @kernel
 def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
-    """Grow trees from windows, existing nodes and free space until start and goal are in one; return the path.
+    """Grow many trees until one joins start and goal; return its path. It is empty if none is found.
 
     In space a bar must enter a window nearly end-on, and a flat body must enter a slot edge-on, which uniform samples
-    hardly ever do. So poses with much clearance are sampled between two obstacles that face each other; from these a
-    bar slides along its own axis, another body along a side of an obstacle. The path is empty if none is found.
+    hardly ever do. So poses with much clearance are sampled between two obstacles that face each other (bridge test);
+    from these a bar slides along its own axis, another body along a side of an obstacle.
     """
     n_columns = start.shape[0]
     tree, member = np.empty((max_nodes, n_columns)), np.empty(max_nodes, dtype=np.int64)
@@ -266,9 +268,10 @@ def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
 
 @kernel
 def _way_through(space, q, j, margin, out, work, settings):
-    """Return the direction, (3,), in which a pose slides furthest both ways, and both signed lengths [m] after it.
+    """Return the direction of a pose's longest slide, and both lengths [m].
 
-    A bar slides along its own axis, another body along one of those of obstacle j.
+    The array, shape (5,), ends with the signed lengths. A bar slides along its own axis, another body along one of
+    those of obstacle j.
     """
     (scratch, nodes), n_dims, kind = work, space.blocks.n_dims, space.blocks.kind[0]
     best, along = np.zeros(5), np.zeros(5)
@@ -294,7 +297,7 @@ def _way_through(space, q, j, margin, out, work, settings):
 
 @kernel(counted=False)
 def _slid(space, q, along, length, out):
-    """Write a pose moved along a direction; return whether its centre is still in the workspace."""
+    """Write a pose moved along a direction; return whether its centre stays inside."""
     copy_to(q, out)
     inside = True
     for axis in range(space.blocks.n_dims):
@@ -334,7 +337,7 @@ def _link(space, trees, count, links, n_links, margin, work, settings):
 
 @kernel
 def _node_to_expand(member, room, count, rng, settings):
-    """Return a random node, preferably of a tree without start and goal, else one with little clearance."""
+    """Return a random node to expand. Trees without start and goal come first, then little clearance."""
     best, least = 0, np.inf
     for _ in range(settings.tournament):
         i = rng.integers(0, count)
@@ -347,7 +350,7 @@ def _node_to_expand(member, room, count, rng, settings):
 
 @kernel
 def _bridge(space, flat, rng, margin, out, work, settings):
-    """Write a free pose centred between two obstacles near each other; return one of them, -1 if none is found."""
+    """Write a free pose centred between two near obstacles; return one, or -1."""
     obstacles, n_obstacles = space.around.obstacles, space.around.obstacles.shape[0]
     n_dims, widest = space.blocks.n_dims, 2.0 * space.reach[0]
     if n_obstacles < 2:
@@ -392,7 +395,7 @@ def _bridge(space, flat, rng, margin, out, work, settings):
 
 @kernel
 def _onto(obstacles, j, x, out):
-    """Write a point that is approximately the point of an obstacle nearest to x."""
+    """Write approximately the nearest point of an obstacle to x."""
     h = 1e-5
     d = point_distance(obstacles, j, x[0], x[1], x[2])
     out[0] = x[0] - d * (point_distance(obstacles, j, x[0] + h, x[1], x[2]) - d) / h
@@ -401,20 +404,19 @@ def _onto(obstacles, j, x, out):
 
 
 def flat_direction(points: Array) -> Array:
-    """Return the unit vector, (3,), along which points, array of shape (n, 3), spread least."""
+    """Return the unit vector of least spread of points, shape (n, 3)."""
     return np.ascontiguousarray(np.linalg.eigh(np.cov(points.T, bias=True))[1][:, 0])
 
 
 @kernel
 def _side(obstacles, j, axis, out):
-    """Write one of the axes of an obstacle; array, shape (3,)."""
     for row in range(3):
         out[row] = obstacles[j, ROTATION + 3 * row + axis]
 
 
 @kernel
 def _across(edge, flat, out):
-    """Write the unit vector of the part of an edge that is perpendicular to `flat`; return that part's length [m]."""
+    """Write the unit vector of an edge's part across `flat`; return its length [m]."""
     along, square = 0.0, 0.0
     for axis in range(3):
         along += edge[axis] * flat[axis]
@@ -436,7 +438,7 @@ def _third(frame):
 
 @kernel
 def _fit(space, j, flat, rng, out):
-    """Write a quaternion that aligns the flat side of a body, and one of its edges, with the sides of an obstacle.
+    """Write a quaternion that aligns a body with an obstacle's sides. Its flat side and an edge are aligned.
 
     A polygon is narrowest perpendicular to one of its edges (Houle and Toussaint, 1988), and fits a slot that way.
     """
@@ -492,10 +494,10 @@ def quaternion_of(r, out):
 
 @kernel(counted=False)
 def _retract(space, q, margin, wished, trials, rng, work):
-    """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
+    """Gain clearance of a pose by random steps, in place.
 
-    Hardly any random pose is free in a narrow passage, but many are near a free one. `trials` are the number of steps
-    and the size of the widest.
+    Hardly any random pose is free in a narrow passage, but many are near a free one. It ends at a clearance of
+    `wished`. `trials` are the number of steps and the size of the widest.
 
     Returns
     -------
@@ -555,7 +557,7 @@ def _perturb(space, q, size, slides, rng, out):
 
 @kernel
 def _path_through(tree, links, n_links, count):
-    """Return the path from node 0 to node 1 along the links, which form trees."""
+    """Return the path from node 0 to node 1 along links."""
     came = np.full(count, -1)
     came[0] = 0
     queue = np.empty(count, dtype=np.int64)

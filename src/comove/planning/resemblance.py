@@ -1,13 +1,13 @@
-"""Distance of a motion from a demonstration, weighed by the precision of a distribution of movements.
+"""Distance of a motion from a demonstration, weighted by its precision.
 
-Where people agree, a deviation costs much; where they vary, little; and hands that moved together may deviate
-together. In unit duration the pull of `LeastJerk` becomes
+Where demonstrations agree, a deviation costs much; where they vary, little; and end effectors that moved together may
+deviate together. In unit duration the weighted deviation of `LeastJerk` becomes
 
     pull / L^2  integral (y - d)' W(s) (y - d) ds,    W(s) = v (C(s) + e v 1)^-1,
 
-with C(s) the covariance of all hands at the instant s, transferred to the scene, v its mean variance over instants
-and coordinates, and e the square of `least_spread`. A deviation in a direction in which people vary as much as on
-average costs what it costs without a distribution.
+with C(s) the covariance of all end effectors at the instant s, transferred to the scene, v its mean variance over
+instants and coordinates, and e the square of `least_spread`. A deviation in a direction in which demonstrations vary
+as much as on average costs what it costs without a distribution.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def precision_root(promp: ProMP, scene: Scene, least_spread: float = 0.1) -> Arr
 
 @dataclass(frozen=True)
 class Followed:
-    """Mean distances of the hands from the demonstration, over samples and hands.
+    """Mean distances of the end effectors from the demonstration, over samples.
 
     Attributes
     ----------
     distance : distance from the demonstration at the same instant [m]
     direction : angle between the directions of travel, at instants at which both move [rad]
-    share : `distance` as a share of the straight way from start to goal
+    share : `distance` as a share of the straight path from start to goal
     weighted : root mean square distance, weighted by the precision of a demonstrated distribution: more where people
         agree, less where they vary [m]; None without a distribution
     """
@@ -68,7 +68,7 @@ def followed(
 
     Parameters
     ----------
-    demonstration : array, shape (n_steps, n_manipulators, 3), transferred to every hand, at even times [m]
+    demonstration : array, shape (n_steps, n_manipulators, 3), transferred to every end effector, at even times [m]
     precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `precision_root`; None for none
     still : share of the largest speed below which the direction of travel is ignored
     """

@@ -1,4 +1,4 @@
-"""The state of a search on a scene (time, counters, best motion), and the loop that optimises shape weights."""
+"""The state of a search, and the optimisation of shape weights."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ ROLLOUT = 2e3  # of a rollout, besides its distances
 
 
 class OutOfTime(Exception):
-    """An error that is raised when the budget is spent or the user ends the search."""
+    """The error of a spent budget or the user's interruption."""
 
 
 class Interruption:
-    """A flag that holds whether Ctrl-C, a callback that raised `KeyboardInterrupt`, or the caller asked for an end.
+    """A request to stop: by Ctrl-C, a `KeyboardInterrupt` of a callback, or the caller.
 
     Parameters
     ----------
-    stop : function that returns whether the caller wishes the end; never unless given
+    stop : function that returns whether the caller requests the end; never unless given
     """
 
     def __init__(self, stop: Callable[[], bool] | None = None) -> None:
@@ -52,14 +52,14 @@ class Interruption:
 
     @property
     def wished(self) -> bool:
-        """Return whether the end is wished for; once it was, it is."""
+        """Return whether the end was requested. A request stays."""
         if not self._noticed and self._stop is not None:
             self._noticed = self._stop()
         return self._noticed
 
     @contextmanager
     def noticed(self) -> Iterator[None]:
-        """Hold Ctrl-C back until the next check of the time, if Python's own handler would take it.
+        """Hold Ctrl-C back until the next check of the time. Another handler than Python's own stays.
 
         A `KeyboardInterrupt` raised inside a compiled kernel would reach Python as a `SystemError`.
         """
@@ -76,21 +76,21 @@ class Interruption:
                 signal.signal(signal.SIGINT, before)
 
     def _wish(self, *_: object) -> None:
-        """Note the wish to end at the first Ctrl-C; the next one raises `KeyboardInterrupt`."""
+        """Note the first Ctrl-C; the next one raises `KeyboardInterrupt`."""
         self._noticed = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @dataclass
 class SearchClock:
-    """The bounds of a search, and what was spent of them; the time in which kernels are compiled does not count.
+    """The bounds of a search, and the amounts spent.
 
     Attributes
     ----------
     budget : bounds of the search
     started : time of `clock.now` at which the search began [s]
     compiled : counters of the kernels compiled since the start
-    interruption : flag of the user's wish to end
+    interruption : flag of the user's request to end
     array : deadline and count of work, which all kernels share
     """
 
@@ -109,7 +109,7 @@ class SearchClock:
         wind(self.array, self.started + self.budget.seconds + self.compiled.seconds)
 
     def elapsed(self) -> float:
-        """Return the time since the start, less the time spent on compilation [s]."""
+        """Return the time since the start without compilation [s]."""
         return now() - self.started - self.compiled.seconds
 
     @property
@@ -133,14 +133,14 @@ class Found:
 
     Attributes
     ----------
-    best, best_motion, best_cost : verdict on the best motion so far, that motion, and its value of the objective
-    latest, latest_motion : value of the last motion that was verified (or, where obstacles are costs, judged), and it
+    best, best_motion, best_cost : best motion so far with its verification result and its value of the objective
+    latest, latest_motion : last verified motion (last evaluated one where obstacles are costs) and its value
     first_verified : time from the start to the first verified motion [s]
     kept : all motions that were the best at their time, in order
-    attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
-        its violation
+    attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verification
+        result, and its violation
     needed : shortest duration known to suffice if the given one is too short [s]; else inf
-    drawn : jerk of the smoothest motions along planned paths that were drawn to the demonstration, as in `JerkCost`
+    drawn : jerk of the smoothest motions along planned paths that were adapted to the demonstration, as in `JerkCost`
     """
 
     best: Verdict | None = None
@@ -181,15 +181,14 @@ class Journal:
 
 @dataclass(eq=False)
 class Candidates:
-    """A population of rollouts; the best come first.
+    """A population of rollouts, best first.
 
-    It takes arms long to follow a movement: they are asked about one rollout after the other, and only while the
-    answer may change which comes next. Others but those that are worth it count as impossible.
+    The kinematics of arms are slow: they evaluate one rollout after the other, and only while the result may change
+    which one is next. All others count as impossible.
 
     Attributes
     ----------
-    objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties as far as they
-        were asked for
+    objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties evaluated so far
     possible : array, shape (n_rollouts,), whether the kinematics may execute them
     unasked : functions that return penalty and possibility, by the number of the rollout
     """
@@ -206,22 +205,22 @@ class Candidates:
 
     @property
     def missed(self) -> Array:
-        """Return what rollouts rank later for: what the objective or the kinematics refuse."""
+        """Return the rank penalties of rollouts that objective or kinematics reject."""
         return np.where(self.sound, 0.0, 100.0) + np.where(self.possible, 0.0, 10.0)
 
     @property
     def rank(self) -> Array:
-        """Return the values by which rollouts come one after the other; array, shape (n_rollouts,)."""
+        """Return the values that rank rollouts; array, shape (n_rollouts,)."""
         return self.objective.search_value(self.value) + self.missed
 
     @property
     def gentlest(self) -> int:
-        """Return the number of the rollout that makes least use of the limits."""
+        """Return the number of the rollout furthest within the limits."""
         self.ask_all()
         return int(np.argmin(np.maximum(*self.objective.limit_ratios(self.value)) + self.missed))
 
     def best_first(self) -> Iterator[int]:
-        """Yield the numbers of the rollouts; no penalty of kinematics is negative, so what is ahead stays so."""
+        """Yield the numbers of the rollouts, best first. Penalties are never negative, so ranks hold."""
         left = np.ones(len(self.possible), dtype=bool)
         while left.any():
             order = np.argsort(self.rank, kind="stable")
@@ -233,7 +232,7 @@ class Candidates:
                 yield best
 
     def ask_all(self) -> None:
-        """Ask the kinematics about all rollouts that they were not asked about yet."""
+        """Evaluate the kinematics of all rollouts that lack it."""
         for number in list(self.unasked):
             self._ask(number)
 
@@ -253,14 +252,14 @@ class Search:
     hard : whether obstacles are constraints, not only costs
     rng : source of all random numbers
     aim : objective that decides which motion is best
-    limits : limits of the hands, for the duration of the scene that is searched
+    limits : limits of the end effectors, for the duration of the scene that is searched
     own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
         it is the scene that is searched
     checks : further checks that a motion must pass, on the scene of the caller
-    kinematics : what moves the end effectors
-    level : how hard it tries to better a motion
-    clock, found, journal : bounds and what was spent of them, the best motions, and what is told of the search
+    kinematics : kinematics of the end effectors
+    level : effort of improving a motion
+    clock, found, journal : bounds and amounts spent, the best motions, and progress
     """
 
     objective: Objective
@@ -282,7 +281,7 @@ class Search:
         """Return the basis of the motions that are searched.
 
         Where the scene limits the jerk it is that in the metric of jerk, whose accelerations do not jump at the ends,
-        unless another phase than the linear one is asked for.
+        unless another phase than the linear one is requested.
         """
         limited = np.isfinite((self.asked or self.scene).jerk_limit)
         if limited and phase in (None, LinearPhase()):
@@ -296,7 +295,7 @@ class Search:
 
     @property
     def paced(self) -> bool:
-        """Return whether the duration is open, and limits besides the scene's decide how long a motion takes."""
+        """Return whether the duration is open and the kinematics limit it."""
         return self.kinematics.has_limits and self.asked is not None and not self.asked.is_timed
 
     def count(self, n_rollouts: int, each: float = ROLLOUT) -> None:
@@ -322,13 +321,13 @@ class Search:
 
     @property
     def timed_out(self) -> bool:
-        """Return whether time is up, or all work done before a motion was found."""
+        """Return whether time is up, or work is done without a motion."""
         return self.clock.elapsed() > self.clock.budget.seconds or (
             self.clock.is_worked_off and self.found.best is None
         )
 
     def over(self) -> bool:
-        """Return whether the budget is spent, or the user wishes to end."""
+        """Return whether the budget is spent, or the user requests the end."""
         return self.clock.interruption.wished or self.clock.is_worked_off or self.timed_out
 
     def check_time(self) -> None:
@@ -346,7 +345,7 @@ class Search:
         return self.kinematics.followed(objective.evaluate(q, size), objective, q)
 
     def candidates(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Candidates:
-        """Evaluate a population as `evaluate` does, but ask limited kinematics about the best of them only, later."""
+        """Evaluate a population; defer the kinematics of its best `n_asked` rollouts."""
         kinematics, objective = self.kinematics, self.objective
         self.count(len(weights), self._work_of_rollout)
         q = dmp.rollouts(weights, N_STEPS)
@@ -407,15 +406,15 @@ class Search:
         return self.aim.value(motion, self.objective, lambda: self.handed(motion))
 
     def settle_for(self, aim: Criterion) -> None:
-        """Replace the objective that decides, and evaluate the best motion so far by the new one."""
+        """Replace the deciding objective, and evaluate the best motion by it."""
         self.aim = aim
         if self.found.best_motion is not None:
             self.found.best_cost = self.worth(self.found.best_motion)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
-        """Return a motion on the scene of the caller, as it is returned to the caller.
+        """Return a motion on the caller's scene.
 
-        Those of the last motion and of the best are kept: arms might go through other joints when asked again.
+        Those of the last motion and of the best are kept: a second computation might choose other joints of the arms.
         """
         if self.asked is None:
             return motion
@@ -433,7 +432,7 @@ class Search:
         return in_least_time(motion, asked, least if least < np.inf else 0.0)  # the checks tell the rest
 
     def _violation(self, verdict: Verdict) -> float:
-        """Return how far a rejected motion is from being verified; contact counts more than limits."""
+        """Return a rejected motion's distance from being verified. Contact counts more than limits."""
         report, scene = verdict.report, self.scene
         missed = max(-(report.separation_spare_min or 0.0), report.constraint_excess_max or 0.0)
         depth = max(0.0, scene.clearance - report.clearance_min, missed)
@@ -465,15 +464,14 @@ class Schedule:
     sigma : first step size
     generations : largest number of generations
     patience, gain : the optimisation ends after `patience` generations without a relative gain of `gain`
-    growth : generations over which the load grows to its full size, fewer while most samples are free; only
-        those count whose best sample touches nothing (if it must not). 0 for the full load at once. An optimisation
-        with growth ends with the first feasible free sample of the full load, or `patience` generations without
-        growth.
+    growth : generations over which the payload grows to its full size, fewer while most samples are free; only those
+        count whose best sample touches nothing (if it must not). 0 for the full payload at once. An optimisation with
+        growth ends with the first feasible free sample of the full payload, or `patience` generations without growth.
     enough : whether to end with the first feasible sample
     population : samples a generation
-    smallest_load : share of its size from which the load grows
+    smallest_load : share of its size from which the payload grows
     easy : generations that one counts as while most samples are free
-    smallest_step : least step size while the load grows, as a share of the first: it must be able to follow
+    smallest_step : least step size while the payload grows, as a share of the first: it must be able to follow
     """
 
     sigma: float
@@ -488,14 +486,14 @@ class Schedule:
     smallest_step: float = 0.1
 
     def size(self, progress: float) -> float:
-        """Return the size of the load after some progress, which counts in generations; 1 for the real load."""
+        """Return the payload's size after some generations; 1 is the full size."""
         if progress >= self.growth:
             return 1.0
         return self.smallest_load + (1.0 - self.smallest_load) * progress / self.growth
 
 
 def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule: Schedule) -> CoordinatedDMP:
-    """Optimise the shape weights by separable CMA-ES, and return the best primitive for the full load."""
+    """Optimise shape weights by separable CMA-ES; return the best primitive."""
     directions = dmp.coordinates.search
     shape = (directions.shape[1], dmp.basis.n_basis)
     n = shape[0] * shape[1]
@@ -542,13 +540,13 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
 
 
 def stricter(search: Search, objective: Objective, verdict: Verdict, *, widening: float = 0.004) -> Objective:
-    """Return the objective with a wider margin or lower limits, whichever a rejected motion missed.
+    """Return an objective with wider margin or lower limits after a rejection.
 
-    If the motion satisfies the scene, the kinematics must have rejected it: more careful ones take their place.
+    If the motion satisfies the scene, the kinematics must have rejected it: more careful ones replace them.
 
     Parameters
     ----------
-    verdict : on the rejected motion
+    verdict : verification result of the rejected motion
     widening : length by which the margin widens [m]
     """
     scene, penalty, report = objective.scene, objective.penalty, verdict.report

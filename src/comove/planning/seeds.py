@@ -1,4 +1,4 @@
-"""Initial shape weights: fits of a path in configuration space with many time profiles, and random bumps."""
+"""Initial shape weights: path fits with many time profiles, and random bumps."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 
 
 def minimum_jerk(t: Array) -> Array:
-    """Return the share of the way at normalised times of any shape, for minimum jerk (Flash and Hogan, 1985)."""
+    """Return minimum-jerk shares of a path at normalised times. See Flash and Hogan (1985)."""
     t = np.clip(t, 0.0, 1.0)
     return t**3 * (10.0 + t * (-15.0 + 6.0 * t))
 
 
 def steady(t: Array, ramp: float) -> Array:
-    """Return the share of the way at normalised times, for a speed that rises and falls in a time `ramp`."""
+    """Return shares of a path at normalised times, at mostly constant speed. It rises and falls in a time `ramp`."""
     x = np.minimum(np.minimum(t, 1.0 - t) / ramp, 1.0)
     half = ramp * x**3 * (1.0 - 0.5 * x) + np.maximum(np.minimum(t, 1.0 - t) - ramp, 0.0)
     return np.where(t <= 0.5, half / (1.0 - ramp), 1.0 - half / (1.0 - ramp))
@@ -49,7 +49,7 @@ def targets_along(space: Space, path: Array, *, gentle: bool) -> Array:
 
     Parameters
     ----------
-    path : array, shape (n_configurations, n_columns), in load coordinates, continuous
+    path : array, shape (n_configurations, n_columns), in payload coordinates, continuous
     gentle : whether to leave out the profiles that arrive early
 
     Returns
@@ -67,7 +67,7 @@ def fit(
 
     Parameters
     ----------
-    target : array, shape (n_targets, N_STEPS, n_columns), in load coordinates, continuous
+    target : array, shape (n_targets, N_STEPS, n_columns), in payload coordinates, continuous
     goal : array, shape (n_columns,), common end of the movements
     coordinates : coordinates of the primitive
 
@@ -90,7 +90,7 @@ def fit(
 def bumps(
     basis: MotionBasis, rng: np.random.Generator, count: int, widths: tuple[float, float] = (0.025, 0.15)
 ) -> Array:
-    """Return weights of bumps of unit height with flat tops, at random times and of random widths.
+    """Return weights of flat-topped unit bumps of random times and widths.
 
     Parameters
     ----------

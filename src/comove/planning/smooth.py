@@ -1,4 +1,4 @@
-"""Smooth motions: planned paths and demonstrations, optimised for least jerk by convex programmes and verified."""
+"""Smooth motions: convex optimisation of planned paths and demonstrations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PROGRAMME = 400.0  # of a quadratic programme, for every variable
 
 @dataclass(frozen=True)
 class SmoothingSettings:
-    """Settings of how planned paths become smooth motions.
+    """Settings of the smoothing of planned paths.
 
     Attributes
     ----------
@@ -44,10 +44,10 @@ class SmoothingSettings:
     fast, fastest : weights a column, and samples, of motions in least time, and of the best of them, as fast motions
         use their limits to the full
     most_weights : weights of all columns: programmes of more take seconds and gain a percent
-    pulls : of hands to the planned path, where arms must follow it
+    pulls : of end effectors to the planned path, where arms must follow it
     shares : of the pull to a demonstration, one after the other, where arms must follow
-    roughly : trust region below which that ends: what is nearer arms reach by chance only [m]
-    parts : of the way there that are tried: stretched arms have to turn fast
+    roughly : trust region below which that ends, as arms succeed by chance only below [m]
+    parts : of the path there that are tried: stretched arms have to turn fast
     alike : relative difference in jerk of motions that a demonstration draws to the same one
     hopeless : penetration from which on more margin does not help [m]
     unmet : relative excess, summed over limits, beyond which the duration is too short
@@ -82,11 +82,11 @@ SETTINGS = SmoothingSettings()
 
 
 def smooth_way(search: Search, way: Array, boundary: Array, smoothing: SmoothingSettings = SETTINGS) -> bool:
-    """Optimise a path that touches nothing, verify the motion, and return whether it is verified.
+    """Optimise a path without contact; return whether the motion is verified.
 
     Parameters
     ----------
-    way : array, shape (N_STEPS, n_columns), path in load coordinates, at even times
+    way : array, shape (N_STEPS, n_columns), path in payload coordinates, at even times
     boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
     """
     programme, z, reference = _along(search, way, boundary, smoothing)
@@ -98,7 +98,7 @@ def smooth_way(search: Search, way: Array, boundary: Array, smoothing: Smoothing
 def _along(
     search: Search, way: Array, boundary: Array, smoothing: SmoothingSettings
 ) -> tuple[ConvexProgramme, Array, Array]:
-    """Return a programme with enough weights to follow a path, the fitted weights, and the path at its samples."""
+    """Return a programme that can follow a path, weights, and path samples."""
     for n_basis in smoothing.n_basis:
         programme = _programme(search, boundary, n_basis)
         n_fine, n_columns = programme.fine.base.shape
@@ -115,7 +115,7 @@ def _along(
 def smooth_demonstration(
     search: Search, taught: tuple[DMP, ...], smoothing: SmoothingSettings = SETTINGS
 ) -> bool:
-    """Adapt the demonstration to the scene, verify the motion, and return whether it is verified."""
+    """Adapt the demonstration to the scene; return whether the motion is verified."""
     scene = search.scene
     basis, coordinates = motion_basis(smoothing.n_basis[-1], "jerk"), load_coordinates(scene)
     dmp = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis)
@@ -125,7 +125,7 @@ def smooth_demonstration(
 
 
 def follows(search: Search) -> bool:
-    """Return whether motions shall resemble the demonstration."""
+    """Return whether motions are to resemble the demonstration."""
     return search.aim.is_smooth and search.aim.pull(search.taught is not None) > 0
 
 
@@ -156,7 +156,7 @@ def _verified(
     reference: Array | None,
     smoothing: SmoothingSettings,
 ) -> bool:
-    """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
+    """Optimise with growing margins, then for time if needed; return success."""
     smooth = search.aim.smoothness
     settings = replace(_convex(search, smoothing), wish=smooth.wish)
     cost = _squares(search, smooth, len(programme.coarse.base))
@@ -189,12 +189,12 @@ def _carried(
     reference: Array,
     smoothing: SmoothingSettings,
 ) -> bool:
-    """Optimise a motion that the kinematics can execute, as it can the planned path; return whether it is verified.
+    """Optimise a motion that the kinematics can execute; return whether it is verified.
 
-    The smoothest motion of all comes first, then the smoothest that they can follow by its own account; after
-    each rejection, hands are drawn more strongly to their planned positions. While there is no motion at all, though,
-    the one nearest to the planned path comes before all others, unless its bends would decide how long it takes.
-    Last, motions are drawn to the demonstration as far as they can follow.
+    The smoothest motion of all comes first, then the smoothest that the follower accepts; after each rejection, end
+    effectors are drawn more strongly to their planned positions. While there is no motion at all, though, the one
+    nearest to the planned path comes before all others, unless its bends would decide the duration. Last, motions are
+    drawn to the demonstration as far as the kinematics can follow.
     """
     nodes, hands = programme.hands(reference)
     anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
@@ -249,7 +249,7 @@ def _optimised(
     reference: Array | None = None,
     known: float = np.inf,
 ) -> Array:
-    """Optimise shape weights as `optimise` does, while there is time, and return the best ones."""
+    """Optimise shape weights by `optimise` while there is time; return the best."""
     search.check_time()
     outcome = optimise(programme, cost, z, settings, reference, search.over, known)
     search.count(outcome.iterations, STEP)
@@ -259,7 +259,7 @@ def _optimised(
 
 
 def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = SETTINGS) -> None:
-    """Optimise a motion along its path by equation (4), and have it verified."""
+    """Optimise a motion along its path by equation (4), and verify it."""
     scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
@@ -277,7 +277,7 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
 
 
 def too_fast(programme: ConvexProgramme, z: Array, smoothing: SmoothingSettings) -> bool:
-    """Return whether limits are exceeded in the given duration, by more than the error of sampling."""
+    """Return whether limits are exceeded, by more than the sampling error."""
     return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > smoothing.unmet
 
 
@@ -287,9 +287,9 @@ def hurry(
     detail: tuple[int, int],
     smoothing: SmoothingSettings = SETTINGS,
 ) -> bool:
-    """Make a motion as fast as the limits allow, verify it, and return whether it is verified.
+    """Make a motion as fast as possible; return whether it is verified.
 
-    If the given duration is too short for it, the duration that would suffice is noted in `search.found.needed`.
+    If the given duration is too short for it, a sufficient one is noted in `search.found.needed`.
 
     Parameters
     ----------
@@ -323,7 +323,7 @@ def hurry(
 
 
 def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
-    """Note the duration in which a motion that is too fast is verified; return whether there is one."""
+    """Note a duration in which a too fast motion is verified; return success."""
     asked = search.asked or search.scene
     if not (asked.is_timed and asked.is_limited) or asked.moving.any() or search.kinematics.has_limits:
         return False
@@ -335,7 +335,7 @@ def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
 
 
 def _convex(search: Search, smoothing: SmoothingSettings) -> ConvexSettings:
-    """Return the settings of a search's programmes, which end as its effort says."""
+    """Return the settings of a search's programmes, by its effort."""
     settings, gain = smoothing.convex, search.level.gain
     return settings if gain is None else replace(settings, gain=gain)
 

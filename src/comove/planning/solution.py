@@ -75,7 +75,7 @@ class SearchEffort:
     first_verified: float | None = None
 
     def after(self, earlier: SearchEffort) -> SearchEffort:
-        """Return the effort with that of an earlier search besides; of both, the first verified motion counts."""
+        """Return the summed effort of an earlier search and this one. The first verified motion of both counts."""
         later = None if self.first_verified is None else earlier.seconds + self.first_verified
         return SearchEffort(
             earlier.evaluations + self.evaluations,
@@ -101,12 +101,12 @@ class Solution:
     method, seed : name of the method, and seed of all random numbers
     effort : rollouts, time and work of the search
     interrupted : whether the user stopped the search
-    timed_out : whether the budget ran out before the search ended by itself; then another machine may come to another
+    timed_out : whether the budget ran out before the search ended by itself; then another machine may find another
         motion
     log : figures that the method reports of its run, numbers or lists of numbers by name
     objective : objective that was minimised
-    followed : distances of the hands from the demonstration, None if none was followed
-    joints : `comove.robots.JointSolution` that carries the motion out; None without a robot
+    followed : distances of the end effectors from the demonstration, None if none was followed
+    joints : `comove.robots.JointSolution` that executes the motion; None without a robot
     """
 
     __repr__ = brief
@@ -129,7 +129,7 @@ class Solution:
 
     @property
     def verified(self) -> bool:
-        """Return whether `motion` holds a verified motion, and `joints` one that carries it out, if a robot does."""
+        """Return whether the motion is verified, and with a robot its joints."""
         return self.motion is not None and (self.joints is None or self.joints.verified)
 
     @property
@@ -138,7 +138,7 @@ class Solution:
         return self.attempt.trajectory()
 
     def after(self, earlier: Solution) -> Solution:
-        """Return the solution with the effort of another search, made before it or in vain, besides."""
+        """Return the solution with the effort of an earlier search added."""
         effort = self.effort.after(earlier.effort)
         return replace(self, effort=effort if self.verified else replace(effort, first_verified=None))
 
@@ -147,5 +147,4 @@ class Solution:
         comove.show(self)
 
     def _repr_html_(self) -> str:
-        """Return verdict, picture and measures for a notebook."""
         return comove.as_html(self)

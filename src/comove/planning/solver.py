@@ -1,4 +1,4 @@
-"""Searches for verified motions of a scene, and the procedures that say which search follows which.
+"""Searches for verified motions of a scene, and procedures that order them.
 
 `comove.solve` performs such a procedure; `solve` here is that of given kinematics.
 """
@@ -79,13 +79,13 @@ def solve(
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Solution:
-    """Find a verified motion of end effectors for a scene, whatever robot it names.
+    """Find a verified motion of end effectors for a scene. A robot that the scene names is ignored.
 
     Parameters
     ----------
     kinematics
-        What moves the end effectors and so limits their motions, such as `comove.robots.RobotCarrier`; motions must
-        also pass its own check. Free end effectors unless given.
+        Kinematics of the end effectors, such as `comove.robots.RobotCarrier`; motions must also pass their own check.
+        Free end effectors unless given.
     demonstration, seed, method, planner, budget, objective, constraints, obstacles, checks, effort, progress, stop
         As for `comove.solve`.
 
@@ -131,7 +131,7 @@ def problem_of(
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Problem:
-    """Return the problem that arguments of `solve` state, with all defaults filled in.
+    """Return the problem stated by arguments of `solve`, with all defaults.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def check_method(
     planner: bool = True,
     hard: bool = True,
 ) -> bool:
-    """Refuse a scene or an objective that a method is not made for; return whether its motions are made smooth.
+    """Reject what a method cannot solve; return whether its motions are smooth.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ class Problem:
     hard : whether obstacles are constraints, not only costs
     given_checks : checks of the caller, besides those of the kinematics
     precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
-    effort : how hard the search tries to better a verified motion
+    effort : effort of improving a verified motion
     """
 
     scene: Scene
@@ -240,17 +240,17 @@ class Problem:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Return the checks that a motion must pass, besides those of the scene."""
+        """Return the checks of a motion besides those of the scene."""
         return (*self.given_checks, *self.kinematics.checks)
 
     @property
     def is_timed(self) -> bool:
-        """Return whether the duration is given, rather than to be found."""
+        """Return whether the duration is given."""
         return self.scene.is_timed and not self.objective.is_time
 
     @property
     def is_hopeless(self) -> bool:
-        """Return whether the given duration is too short for the limits of any motion.
+        """Return whether the given duration is too short for any motion.
 
         It is False for other methods and `Quick`, limited kinematics, functions of the user, and moving obstacles.
         """
@@ -261,7 +261,6 @@ class Problem:
 
 
 def _is_smooth(method: Method, planner: bool, hard: bool) -> bool:
-    """Return whether motions are made smooth: by comove's own method."""
     return isinstance(method, Comove) and method.smooths and planner and hard
 
 
@@ -299,7 +298,7 @@ Procedure = Generator[Problem, Searched, Solution]
 
 
 def perform(procedure: Procedure) -> Solution:
-    """Search what a procedure yields, and return the solution that it comes to."""
+    """Perform the searches that a procedure yields; return its solution."""
     found: Any = None
     with one_blas_thread():
         while True:
@@ -320,7 +319,7 @@ def perform(procedure: Procedure) -> Solution:
 
 
 def solved(problem: Problem) -> Procedure:
-    """Solve a problem; where the budget ran out before a motion was verified, that is the first reason."""
+    """Solve a problem. A budget spent without a verified motion is the first reason."""
     solution = yield from _solved(problem)
     if solution.verified or not solution.timed_out or solution.interrupted:
         return solution
@@ -351,9 +350,9 @@ def _solved(problem: Problem) -> Procedure:
 
 
 def _by_some_choice(problem: Problem) -> Procedure:
-    """Solve by the first way to hold the payload and to put it down that leads to a motion.
+    """Solve by the first grasp and placement that lead to a motion.
 
-    Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
+    Those with contacts at an end are left out. Each of the others has half of the remaining work, the last all of it.
     """
     free, scene = list[Scene](), problem.scene
     for option in scene.choices:
@@ -380,7 +379,7 @@ def _in_least_time(problem: Problem) -> Problem:
 
 
 def _at_pace(fastest: Solution, problem: Problem) -> Solution:
-    """Return the fastest motion in the duration that is given, with the one that would do if that is too short."""
+    """Return the fastest motion in the given duration. If that is too short, a sufficient one is noted."""
     scene = problem.scene
     motion = fastest.attempt.on(scene)
     verdict = verify(motion, problem.checks)
@@ -400,7 +399,7 @@ def _at_pace(fastest: Solution, problem: Problem) -> Solution:
 
 
 def _search_for(problem: Problem) -> tuple[Search, bool]:
-    """Return the search for a problem, in its given duration or, if that is open, in any; and whether to begin it."""
+    """Return the search for a problem, and whether to begin it. An open duration is searched in any duration."""
     started = now()
     scene, taught, objective = problem.scene, problem.taught, problem.objective
     asked = scene
@@ -437,7 +436,7 @@ def _search_for(problem: Problem) -> tuple[Search, bool]:
 
 
 def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
-    """Return the solution of a search that has ended, or whose budget ran out."""
+    """Return the solution of a search that ended or timed out."""
     verdict: Verdict | None
     if search.found.best is not None and search.found.best_motion is not None:
         motion, verdict = search.found.best_motion, search.found.best
@@ -476,7 +475,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
 
 
 def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> Procedure:
-    """Solve a problem of open duration with moving obstacles, by trying durations one after the other."""
+    """Solve among moving obstacles by trying durations, as none is given."""
     if problem.own is not None:
         raise OptionError(
             "functions of one's own, and constraints that are sampled, need a duration where obstacles move",
@@ -536,7 +535,7 @@ def _open(scene: Scene, kinematics: Kinematics) -> tuple[Scene, Scene]:
 def of_common_size(
     scene: Scene, demonstration: tuple[DMP, ...] | None, sides: tuple[float, float] = (0.3, 5.0)
 ) -> tuple[Scene, tuple[DMP, ...] | None]:
-    """Scale a scene that is much smaller or larger than a metre to a metre, and its demonstration with it.
+    """Scale a scene of extreme size to a metre, with its demonstration.
 
     Margins, steps and tolerances of the search are made for scenes of some decimetres to a few metres.
 
@@ -558,5 +557,4 @@ def _times(value: float | list[float], ratio: float) -> float | list[float]:
 
 
 def _side(scene: Scene) -> float:
-    """Return the longest side of the workspace [m]."""
     return float((scene.upper - scene.lower).max())

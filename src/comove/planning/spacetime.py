@@ -1,4 +1,4 @@
-"""A planner in space and time, for obstacles whose motion is known, and smooth movements along its paths."""
+"""A planner in space and time, and smooth movements along its paths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from comove.planning.world import World
 
 @dataclass(frozen=True)
 class SpaceTimeSettings:
-    """Settings of the planner in space and time, and of how its paths become motions.
+    """Settings of the planner in space and time, and of its smoothing.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class SpaceTimeSettings:
     waiting : probability that a sample is a configuration of the tree at another time
     n_shortcuts : number of shortcuts that are tried
     shares : shares of the speed limit, tried in turn: smoothed motions are faster in between
-    unlimited : largest speed if nothing limits the speed [straight ways a duration]
+    unlimited : largest speed if nothing limits the speed [straight paths a duration]
     margins : margins of the clearance, tried in turn [m]
     smoothings : widths of the smoothing, each with a time for acceleration and braking together [durations]
     fading, fades : time in which an initial velocity fades, in times to brake, and its least and largest share of the
@@ -58,7 +58,7 @@ SETTINGS = SpaceTimeSettings()
 
 
 def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> World:
-    """Return the world of a scene's space together with the motion of its obstacles."""
+    """Return a space with the motion of the scene's obstacles."""
     resting = space.around.obstacles
     moved = scene.displacements(np.linspace(0.0, scene.duration, settings.n_intervals + 1))
     timing = Timing(
@@ -85,12 +85,12 @@ def plan_in_time(
     before: Array | None = None,
     n_shortcuts: int = SETTINGS.n_shortcuts,
 ) -> tuple[Array, Array] | None:
-    """Plan and shorten a path from the start at time 0 to the goal at time 1; None if none is found.
+    """Plan a path from start at time 0 to goal at 1; None if there is none.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_columns,)
-    speed : largest speed of a node [m a duration]
+    speed : largest speed of a keypoint [m a duration]
     margin : clearance that is kept beyond the scene's [m]; less if the ends have less
     max_nodes : number of nodes after which planning ends
     before : array, shape (n_before, n_columns), path of an earlier plan, at even times from 0 to 1
@@ -138,12 +138,12 @@ def targets_in_time(
 def coast(
     velocity: Array, acceleration: float, n_steps: int, settings: SpaceTimeSettings = SETTINGS
 ) -> Array:
-    """Return the displacement by which an initial velocity, which fades, changes a movement that begins at rest.
+    """Return the displacement that a fading initial velocity adds to a movement. The movement begins at rest.
 
     Parameters
     ----------
     velocity : array, shape (n_columns,), rate of the configuration at the start [1 a duration]
-    acceleration : limit of the hands' acceleration [m a duration squared]
+    acceleration : limit of the end effectors' acceleration [m a duration squared]
 
     Returns
     -------
@@ -155,7 +155,7 @@ def coast(
 
 
 def _eased(s: Array, ease: float) -> Array:
-    """Map normalised times so that the pace rises from 0 in half of `ease`, and falls to 0 in the other half."""
+    """Map normalised times to accelerate and brake in `ease` / 2 each."""
     half = ease / 2
     slope = 1.0 / (1.0 - half)
     first = np.where(s < half, 0.5 * slope * s**2 / half, slope * (s - half / 2))

@@ -1,4 +1,4 @@
-"""Times of nodes: how far obstacles come between them, and how fast a payload may be."""
+"""Times of nodes: obstacle displacements between them, and the payload's speed."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from comove.model.moving import Displacements
 
 
 class Timing(NamedTuple):
-    """The times of nodes, normalised to the movement, whose last value they are, and what moves meanwhile.
+    """The normalised times of nodes, and the motion of the obstacles. A time is a node's last value.
 
     Attributes
     ----------
     moved : displacements of the obstacles at even times
     fastest : largest speed of a point of an obstacle [m a duration]
-    speed : limit of the speed of a payload's node [m a duration]
+    speed : limit of the speed of a payload's keypoint [m a duration]
     share : of their limits of speed that joints may use
     duration : of the movement [s]
     time_step, waiting : as in `spacetime.SpaceTimeSettings`
@@ -36,12 +36,12 @@ class Timing(NamedTuple):
 
 
 def fastest_point(table: Array, moved: Displacements) -> float:
-    """Return an upper bound of the speed of the obstacles' points between samples [m a duration].
+    """Bound the obstacle points' speed between samples from above [m a duration].
 
     Parameters
     ----------
     table : array, shape (n_rows, n_columns), the obstacles at 0 s
-    moved : their displacements at even times, on straight lines between them
+    moved : their displacements at even times, linear in between
     """
     ways = np.linalg.norm(np.diff(moved.offsets, axis=0), axis=2)
     ways = ways + table[:, REACH] * np.abs(np.diff(moved.angles, axis=0))
@@ -50,7 +50,7 @@ def fastest_point(table: Array, moved: Displacements) -> float:
 
 @kernel
 def instant_of(timing, node):
-    """Return the instant of a node, at which obstacles are looked at; they rest without times."""
+    """Return the instant of a node. Obstacles rest without times."""
     if timing is None:
         return RESTING
     return instant_at(timing.moved, node[-1])
@@ -58,7 +58,7 @@ def instant_of(timing, node):
 
 @kernel
 def time_for_joints(timing, p, q):
-    """Return the time that joints have between two nodes at their limits of speed [s]; 1e9 without times."""
+    """Return the time of joints between two nodes at their limits [s]. It is 1e9 without times."""
     if timing is None:
         return 1e9
     return timing.share * timing.duration * abs(q[-1] - p[-1])
@@ -66,7 +66,7 @@ def time_for_joints(timing, p, q):
 
 @kernel
 def drift(timing, p, q):
-    """Return how far a point of an obstacle comes between two nodes, at most [m]."""
+    """Bound an obstacle point's displacement between two nodes from above [m]."""
     if timing is None:
         return 0.0
     return timing.fastest * abs(q[-1] - p[-1])
@@ -74,7 +74,7 @@ def drift(timing, p, q):
 
 @kernel
 def too_fast(timing, moved, p, q):
-    """Return whether a displacement `moved` [m] takes longer than there is between two nodes; never without times."""
+    """Return whether a displacement [m] takes longer than two nodes allow. It is False without times."""
     if timing is None:
         return False
     return moved > timing.speed * abs(q[-1] - p[-1])
@@ -82,7 +82,7 @@ def too_fast(timing, moved, p, q):
 
 @kernel
 def write_time(timing, p, q, share, out):
-    """Write the time at a share of the edge from node p to node q in node `out`; nothing without times."""
+    """Write the time at a share of an edge into node `out`. Nothing is written without times."""
     if timing is None:
         return
     out[-1] = q[-1] if share == 1.0 else p[-1] + share * (q[-1] - p[-1])
@@ -90,7 +90,7 @@ def write_time(timing, p, q, share, out):
 
 @kernel
 def share_of_step(timing, p, q, steps):
-    """Return the share of an edge that so many steps in time make, at most 1; 1 without times."""
+    """Return the share of an edge of some steps in time. It is at most 1, and 1 without times."""
     if timing is None:
         return 1.0
     return min(1.0, timing.time_step * steps / max(abs(q[-1] - p[-1]), 1e-12))

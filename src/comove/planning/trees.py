@@ -1,9 +1,9 @@
 """Tree search and shortcuts for planners of every kind: RRT-Connect (Kuffner and LaValle, 2000).
 
-A *world* answers seven questions about *nodes*: configurations of a payload with the joints of arms that carry it and
-with times, where there are such (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The
-former is a named tuple, whose answers are kernels; the latter is a Python object with methods of these names, for
-which the searches run uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
+A *world* answers seven questions about *nodes*: configurations of a payload with the joints of its arms and with
+times, if any (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The former is a named tuple,
+whose answers are kernels; the latter is a Python object with methods of these names, for which the searches run
+uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
 """
 
 from __future__ import annotations
@@ -25,43 +25,43 @@ def draw(world, trees, counts, this, rng, out):
 
 @Question
 def nearest(world, tree, count, q):
-    """Return the number of the node from which q is reached most easily; -1 if there is none."""
+    """Return the number of the node nearest to q; -1 if there is none."""
     return world.nearest(tree, count, q)
 
 
 @Question
 def extend(world, p, q, steps, margin, out):
-    """Write the node at most so many steps from p towards q; return whether the edge is blocked, free or arrives."""
+    """Write a node some steps from p towards q; return blocked, free or arrived."""
     return world.extend(p, q, steps, margin, out)
 
 
 @Question
 def between(world, p, q, share, out):
-    """Write where the node at a share of the edge from p to q is, without what follows from p."""
+    """Write the node at a share of an edge. Values that follow from p are left out."""
     world.between(p, q, share, out)
 
 
 @Question
 def exists(world, p, node):
-    """Return whether a node on a free edge from p exists, and complete it by what follows from p."""
+    """Complete a node on a free edge from p; return whether it exists."""
     return world.exists(p, node)
 
 
 @Question
 def length(world, p, q):
-    """Return the length of an edge, by which random points on a path are drawn."""
+    """Return an edge's length, by which points on paths are sampled."""
     return world.length(p, q)
 
 
 @Question
 def shortens(world, p, q, way):
-    """Return whether a straight edge from p to q is better than a way of this length between them."""
+    """Return whether a straight edge beats a path of length `way`."""
     return world.shortens(p, q, way)
 
 
 @kernel
 def rrt_connect(world, start, goal, margin, rng, max_nodes, max_draws, before):
-    """Grow a tree from each end until they meet; return the path, which is empty if they do not.
+    """Grow a tree from each end until they meet; return the path. It is empty if they do not meet.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def _added(trees, parents, counts, tree, node, parent):
 
 @kernel
 def _joined(trees, parents, mine, theirs):
-    """Return the path from the root of tree 0 via `mine`, which coincides with `theirs`, to that of tree 1."""
+    """Return the path between the roots of both trees. Node `mine` of tree 0 coincides with `theirs` of tree 1."""
     count, i = 0, mine
     while i >= 0:
         count, i = count + 1, parents[0, i]
@@ -150,7 +150,7 @@ def _joined(trees, parents, mine, theirs):
 
 @kernel
 def shortened(world, path, margin, rng, n_trials):
-    """Replace pieces between random points of a path by straight edges, where these are free; return the path."""
+    """Replace random pieces of a path by free straight edges; return it."""
     count, width = path.shape[0], path.shape[1]
     work, lengths = np.empty((count + 2 * n_trials + 2, width)), np.empty(count + 2 * n_trials + 2)
     for row in range(count):

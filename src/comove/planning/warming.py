@@ -1,8 +1,9 @@
-"""The warm-up: small problems that need every kernel, solved once after installation by processes on all cores.
+"""The warm-up: small problems that need every kernel, solved after installation.
 
-A job is such a problem, solved by the code that users call, so that nothing lists kernels. A new kind of problem is a
-function that solves a small one, and a line in `JOBS`. A search waits for the unfinished jobs that it needs; the
-others are finished in the background. A kernel that no job needs is compiled when it is first called.
+Processes on all cores solve them once. A job is such a problem, solved by the code that users call, so that nothing
+lists kernels. A new kind of problem is a function that solves a small one, and a line in `JOBS`. A search waits for
+the unfinished jobs that it needs; the others are finished in the background. A kernel that no job needs is compiled
+when it is first called.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class WarmUpJob:
     Attributes
     ----------
     home : module, and its function that solves the problem
-    arguments : what that is called with
+    arguments : arguments of that function
     kernels : about how many are compiled for it, for progress alone
     needs : modules of extras without which there is no such problem
     """
@@ -49,7 +50,7 @@ class WarmUpJob:
 
     @property
     def is_possible(self) -> bool:
-        """Return whether all that it needs is installed."""
+        """Return whether all required modules are installed."""
         return all(find_spec(name) is not None for name in self.needs)
 
     def solve(self) -> None:
@@ -117,7 +118,7 @@ def unfinished() -> list[str]:
 
 
 def warm_up(names: list[str]) -> None:
-    """Finish jobs, each on a process of its own, as many at a time as there are cores."""
+    """Finish jobs in processes of their own, one per core at once."""
     with tempfile.TemporaryDirectory() as place:
         file, waiting = Path(place, "compiled"), deque(names)
         file.touch()
@@ -133,7 +134,7 @@ def warm_up(names: list[str]) -> None:
 
 @dataclass(frozen=True)
 class _Work:
-    """The work of a process on a job; for every kernel that it compiles, a file becomes one byte longer."""
+    """The work of a process on a job. A file grows by one byte for every compiled kernel."""
 
     file: str
 
@@ -148,7 +149,7 @@ class _Work:
 
 
 def main() -> None:
-    """Finish all jobs in the background; one process does so at a time."""
+    """Finish all jobs in the background. One process does so at a time."""
     place = folder()
     if place is None or fcntl is None:  # no Unix: what is missing is compiled when it is needed
         return

@@ -1,13 +1,13 @@
 """The world in which trees of a payload grow, for `planning.trees`.
 
-A node is a configuration of the payload; then, where arms carry it, their joints; and last, where obstacles move, its
-normalised time. An edge is free if the payload keeps its margin along it, from obstacles where they are at that time
-and no faster than it may be, and if arms can follow it from the joints of the node where it begins. The displacement
-of the body relative to any point of the obstacles is bounded by the sum of its span and theirs.
+A node is a configuration of the payload; then, where arms hold it, their joints; and last, where obstacles move, its
+normalised time. An edge is free if the payload keeps its margin from obstacles at that time, is no faster than
+allowed, and if arms can follow it from the joints of the node where it begins. The displacement of the body relative
+to any point of the obstacles is bounded by the sum of its span and theirs.
 
-Trees in time grow forward from the start at 0 and backward from the goal at 1; samples are such as both ends can
-reach in time (Grothe et al., 2022). The joints of both trees need not belong to one branch: whoever plans for arms
-follows the whole path from the start.
+Trees in time grow forward from the start at 0 and backward from the goal at 1; both ends can reach each sample in
+time (Grothe et al., 2022). The joints of both trees need not belong to one inverse-kinematics solution: a planner for
+arms follows the whole path from the start.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ SHORTER = 1e-6  # m, that a straight edge saves of a way, to be worth taking
 
 
 class World(NamedTuple):
-    """The payload's space, with the times of nodes and the arms that carry it where there are such.
+    """The payload's space, with optional times of nodes and arms.
 
     Attributes
     ----------
     space : space of the payload
     timing : times of nodes; None where no obstacle moves
-    arms : what answers `follow` and `reaches`, with the fields `n_columns` (of a configuration), `course` (joints at
+    arms : object with `follow` and `reaches`, and the fields `n_columns` (of a configuration), `course` (joints at
         both ends, array of shape (2, n_joints)) and `settings`, as `robots.search.planner.CarryingArms`; None for
         free end effectors
     clock : clock of the space, on which the trees' work counts as well
@@ -57,27 +57,27 @@ class World(NamedTuple):
         return cls(space, timing, arms, space.clock)
 
     def paced(self, speed: float, share: float = 1.0) -> World:
-        """Return the world with another speed limit of the payload [m a duration], and share of those of joints."""
+        """Return the world with another speed limit and joint share. The speed is the payload's [m a duration]."""
         assert self.timing is not None, "nodes have times"
         return self._replace(timing=self.timing._replace(speed=speed, share=share))
 
 
 @Question
 def follow(arms, world, p, out):
-    """Write the joints at the end of an edge in `out`, followed from those of p; return whether arms can follow."""
+    """Write an edge's final joints, followed from p; return whether arms can."""
     return arms.follow(world, p, out)
 
 
 @Question
 def reaches(arms, world, node):
-    """Return whether arms may reach a node, and write that its joints are not known."""
+    """Return whether arms may reach a node; mark its joints as unknown."""
     return arms.reaches(world, node)
 
 
 @trees.between.answered_for(World)
 @kernel
 def between(world, p, q, share, out):
-    """Write the configuration and the time at a share of the edge from p to q."""
+    """Write configuration and time at a share of an edge."""
     interpolate(world.space, p, q, share, out)
     write_time(world.timing, p, q, share, out)
 
@@ -108,7 +108,7 @@ def _followed(arms, world, p, out):
 
 @kernel
 def _same_joints(arms, p, q):
-    """Return whether joints are those of q, not of another branch; a random q has none."""
+    """Return whether joints are those of q. A random q has none."""
     if arms is None:
         return True
     for c in range(arms.n_columns, arms.n_columns + arms.course.shape[1]):
@@ -125,7 +125,7 @@ def _nearest(world, tree, count, q):
 
 @kernel
 def _nearest_in_time(timing, space, tree, count, q):
-    """Return the node of a tree that is nearest to q, of those from which it is reached in time; -1 if none is."""
+    """Return the nearest node that reaches q in time; -1 if there is none."""
     if timing is None:
         return nearest(space, tree, count, q)
     best, least, later = -1, np.inf, tree[0, -1] == 0.0
@@ -149,7 +149,7 @@ def _draw(world, nodes, counts, this, rng, out):
 
 @kernel
 def _drawn_in_time(timing, space, nodes, counts, this, rng, out):
-    """Write a random configuration at a time at which both ends can reach it; return whether there is one."""
+    """Write a random node that both ends reach in time; return success."""
     if timing is None:
         random_configuration(space, rng, out)
         return True
@@ -206,7 +206,7 @@ def _shortens_in_time(timing, space, p, q, way):
 
 @kernel
 def _worth(arms):
-    """Return what a straight edge has to save, to be worth following it [m]."""
+    """Return the least saving of a straight edge worth following [m]."""
     if arms is None:
         return SHORTER
     return arms.settings.shorter

@@ -1,4 +1,4 @@
-"""Robots that carry loads: descriptions and models, planning with arms, verification of joint motions, transfers."""
+"""Robots: descriptions and models, planning with arms, verification of joint motions, approach and release."""
 
 from typing import TYPE_CHECKING
 

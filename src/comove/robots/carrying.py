@@ -1,4 +1,4 @@
-"""The robot as a search meets it: the one object that plans for arms, says what they can do, and verifies it."""
+"""The robot as kinematics of a search: plans, feasibility and verification."""
 
 from __future__ import annotations
 
@@ -61,18 +61,18 @@ from comove.verification.verify import Check, CheckOfVerified, VerifiedMotion
 
 @dataclass(frozen=True)
 class CarrierSettings:
-    """Settings of how a search looks at a robot.
+    """Settings of a robot's kinematics in a search.
 
     Attributes
     ----------
     spare : clearance of links beyond the required one that is kept at first, and grows with caution [m]
     share : share of the limits of rates and torques that is used at first, and shrinks with caution
-    n_samples : samples of a movement that arms are asked about; a few more where obstacles move
-    coarser : samples of which one is looked at to tell branches apart
+    n_samples : samples of a movement at which arms are evaluated; a few more where obstacles move
+    coarser : stride of the samples that tell inverse-kinematics solutions apart
     ease : cost of jolts: of joints that all use their whole acceleration all the time
-    slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
-    haste : samples of a candidate of which one is solved first, as one out of reach suffices
-    ends, plans, follower : settings of joints at both ends, of plans, and of how the arms follow what is optimised
+    slack : share of the links' spare clearance that the bounds of a candidate's verification may lose
+    haste : stride of a candidate's samples that are solved first, as one out of reach suffices
+    ends, plans, follower : settings of joints at both ends, of plans, and of the arms that follow an optimised motion
     """
 
     spare: float = 0.005
@@ -89,25 +89,24 @@ class CarrierSettings:
 
 @dataclass(frozen=True, eq=False)
 class RobotCarrier(LimitedKinematics):
-    """A robot that carries the load of a scene, as `comove.planning.kinematics.LimitedKinematics` describes.
+    """A robot that holds a scene's payload, as `comove.planning.kinematics.LimitedKinematics`.
 
-    A search asks quickly, by kernels (`plan`, `ask`, `shortest`); whether a motion can be carried out is verified
-    exactly, by `reasons`.
+    A search evaluates it quickly, by kernels (`plan`, `ask`, `shortest`); `reasons` verifies exactly whether it can
+    execute a motion.
 
     Attributes
     ----------
-    robot, scene : the robot, and the scene whose load it carries
+    robot, scene : the robot, and the scene whose payload it holds
     caution : number of times that the constraints were tightened
-    begin : array, shape (n_joints,), the robot's joints at the start, where it holds the load already [rad]; None to
-        find some
+    begin : array, shape (n_joints,), the robot's joints at the start, where it already holds the payload [rad]; None
+        to solve them
     present : array, shape (n_joints,), the robot's joints before it approaches the start [rad]; None for home
-    approach, release : whether the joints at the start, and at the goal, must leave room for these
+    approach, release : whether the joints at the start, and at the goal, must admit these
     barred : joints of the arms at an end from which no such motion was found, each with "start" or "goal"
     found : function that is called with every joint motion that is verified
-    recalled : the links as rejections have corrected them, if any have, for all copies
-    kept : motions whose joints were verified, or given (`keep`), with what slack, and these, for all copies: what is
-        verified, is so for each
-    settings : settings of how the robot is looked at
+    recalled : the links corrected after rejections, if any, for all copies
+    kept : motions whose joints were verified, or given (`keep`), with the slack and these joints, for all copies
+    settings : settings of the robot's kinematics
     """
 
     robot: Robot
@@ -147,7 +146,7 @@ class RobotCarrier(LimitedKinematics):
 
     @property
     def grasp(self) -> Grasp:
-        """Return how the hands hold the load."""
+        """Return the grasps of the end effectors on the payload."""
         assert self.scene.grasp is not None, "scenes without a grasp are refused"
         return self.scene.grasp
 
@@ -162,7 +161,7 @@ class RobotCarrier(LimitedKinematics):
 
     @property
     def arms(self) -> Arms:
-        """Return the chains, links and surroundings of the arms as arrays, for kernels."""
+        """Return the arms' chains, links and surroundings as arrays, for kernels."""
         return self._arms._replace(links=self.recalled[-1]) if self.recalled else self._arms
 
     @cached_property
@@ -193,15 +192,15 @@ class RobotCarrier(LimitedKinematics):
         return Arms(chains, links, ranges, around)
 
     def along(self, nodes: Array) -> ArmsFollower:
-        """Return the arms as they follow motions near one, array of shape (n_steps, n_nodes, 3) [m]."""
+        """Return the follower of motions near a given one; `nodes` has the shape (n_steps, n_nodes, 3) [m]."""
         return ArmsFollower.near(self.arms, self.best_course(nodes), nodes, self.settings.follower)
 
     def stricter(self) -> RobotCarrier:
-        """Return a copy with more caution, for use after a motion that the search accepted was rejected."""
+        """Return a copy with more caution, after an accepted motion was rejected."""
         return self._changed("_tally", caution=self.caution + 1)
 
     def on(self, scene: Scene) -> RobotCarrier:
-        """Return a copy on a scene that differs only in its duration and limits.
+        """Return a copy on a scene with another duration and other limits.
 
         Where obstacles move and the duration differs, the joints at the goal are solved anew.
         """
@@ -212,7 +211,7 @@ class RobotCarrier(LimitedKinematics):
         return other
 
     def without(self, ends: Mapping[str, Array]) -> RobotCarrier:
-        """Return a copy that does not use some joints of the robot at the ends, or any near them.
+        """Return a copy that avoids some joints at the ends. Joints near them are avoided too.
 
         Parameters
         ----------
@@ -225,7 +224,7 @@ class RobotCarrier(LimitedKinematics):
         return other
 
     def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
-        """Return a changed copy that keeps the cached values which depend on neither caution nor pace."""
+        """Return a changed copy that keeps valid cached values. These depend on neither caution nor duration."""
         other = replace(self, **changes)
         for name in ("starts", "goals", "_retreats", "_refused", "_pairs", "_led", *kept):
             if name in vars(self):
@@ -234,8 +233,7 @@ class RobotCarrier(LimitedKinematics):
 
     @cached_property
     def starts(self) -> tuple[Array, ...]:
-        """Return the joint positions that hold the load at the start, by arm; arrays, shape (n_branches, n_joints),
-        best first.
+        """Return each arm's joints at the start, best first; arrays, shape (n_branches, n_joints).
 
         Raises
         ------
@@ -248,7 +246,7 @@ class RobotCarrier(LimitedKinematics):
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
-        """Return the joint positions that hold the load at the goal, by arm, as in `starts`."""
+        """Return each arm's joints at the goal, as `starts`."""
         return self.ends.branches("goal")
 
     def plan(
@@ -262,7 +260,7 @@ class RobotCarrier(LimitedKinematics):
         required: float = 0.0,
         max_nodes: int = 1000,
     ) -> Array | None:
-        """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
+        """Plan a payload path that the arms can follow; arguments as in `comove.planning.planner.plan`."""
         found = self._planned(World.of(space), start, goal, margin, rng, required, max_nodes)
         return None if found is None else found[0]
 
@@ -279,7 +277,7 @@ class RobotCarrier(LimitedKinematics):
         share: float = 1.0,
         **free: Any,
     ) -> tuple[Array, Array] | None:
-        """Plan a path among moving obstacles that the arms can follow in time, as `Kinematics.plan_in_time`."""
+        """Plan among moving obstacles; see `Kinematics.plan_in_time`. The arms can follow the path in time."""
         world = world.paced(speed, share)
         found = self._planned(world, start, goal, margin, rng, world.space.required, max_nodes)
         return None if found is None else (found[0], found[2][:, 0].copy())
@@ -316,7 +314,7 @@ class RobotCarrier(LimitedKinematics):
 
     @property
     def ends(self) -> EndJoints:
-        """Return how the arms hold the load at both ends."""
+        """Return the arms' joints at both ends."""
         columns = np.concatenate([arm.columns for arm in self.holders])
         present = (self.robot.home if self.present is None else self.present)[columns]
         return EndJoints(
@@ -325,9 +323,7 @@ class RobotCarrier(LimitedKinematics):
 
     @cached_property
     def _pairs(self) -> Array:
-        """Return pairs of joint positions at start and goal, as paths between them are likely, of those that leave
-        room for approach and release; array, shape (n_pairs, 2, n_joints).
-        """
+        """Return admissible joints at both ends, likeliest first; array, shape (n_pairs, 2, n_joints)."""
         pairs = self.ends.pairs(self.starts, self.goals)
         if not self.transfers:
             return pairs
@@ -338,7 +334,7 @@ class RobotCarrier(LimitedKinematics):
 
     @cached_property
     def _retreats(self) -> dict[str, Retreat]:
-        """Return the retreats that joints must leave room for, by the end."""
+        """Return the required retreats, by the end."""
         home = self.robot.home
         present = home if self.present is None else self.present
         wanted = (("start", self.approach, present), ("goal", self.release, home))
@@ -346,11 +342,11 @@ class RobotCarrier(LimitedKinematics):
 
     @cached_property
     def _refused(self) -> dict[tuple[str, bytes], RobotError | None]:
-        """Return what keeps hands from drawing back from joints of the arms at an end, as far as it was asked."""
+        """Return the known reasons against retreats, by end and joints."""
         return {}
 
     def _admits(self, first: Array, last: Array) -> bool:
-        """Return whether hands can draw back from joints of the arms at start and goal, where that is wanted."""
+        """Return whether joints at start and goal admit the required retreats."""
         return all(
             self._refusal(end, q) is None
             and not any(
@@ -361,7 +357,7 @@ class RobotCarrier(LimitedKinematics):
         )
 
     def _refusal(self, end: str, q: Array) -> RobotError | None:
-        """Return what keeps hands from drawing back from joints of the arms at an end."""
+        """Return the reason against a retreat from joints at an end."""
         if end not in self._retreats:
             return None
         key = end, q.round(DIGITS).tobytes()
@@ -376,7 +372,7 @@ class RobotCarrier(LimitedKinematics):
         return self._refused[key]
 
     def _no_retreat(self, pair: Array) -> RobotError:
-        """Return the error that no joints at the ends leave room for approach and release, by the likeliest pair."""
+        """Return the error that no joints admit approach and release. Its reason is that of the likeliest pair."""
         refusals = (self._refusal(end, q) for end, q in zip(("start", "goal"), pair, strict=True))
         told = next(
             (refusal.message for refusal in refusals if refusal is not None), "no other joints are left"
@@ -389,28 +385,24 @@ class RobotCarrier(LimitedKinematics):
 
     @property
     def transfers(self) -> list[str]:
-        """Return the names of those of approach and release that there must be."""
+        """Return which of approach and release are required, by name."""
         return [name for name, asked in (("approach", self.approach), ("release", self.release)) if asked]
 
     @cached_property
     def _leniency(self) -> Iterator[float]:
-        """Return an iterator over the tolerance of the links' clearance, one for each plan [m]: capsules are wider
-        than the links, for some robots by much.
-        """
+        """Return tolerances of the links' clearance, one for each plan [m]. Capsules are wider than links."""
         return cycle((0.0, FAT, FATTEST))
 
     @cached_property
     def _tally(self) -> Tally:
-        """Return the counts of what plans between the pairs of ends have led to."""
         return Tally.of(len(self._pairs), self.settings.ends.unlikely)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Compute the penalty of motions for what the robot cannot, or can hardly, carry out, and whether it can
-        carry them out.
+        """Compute penalties of (nearly) impossible motions, and whether motions are possible.
 
         Parameters
         ----------
-        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), end effectors first, evenly spaced in time [m]
 
         Returns
         -------
@@ -420,7 +412,7 @@ class RobotCarrier(LimitedKinematics):
         return self._asked(nodes, self.best_course(nodes[0]), self.arms)
 
     def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function that computes the same, with the links as they are now, for the motion of a number."""
+        """Return a function that computes `ask` of a numbered motion. It uses the present links."""
         nodes, courses, arms = self._sampled(nodes), list[Array](), self.arms
 
         def ask(k: int) -> tuple[float, bool]:
@@ -432,7 +424,7 @@ class RobotCarrier(LimitedKinematics):
         return ask
 
     def _sampled(self, nodes: Array) -> Array:
-        """Return the nodes at those samples of movements that arms are asked about."""
+        """Return the keypoints at the samples for evaluating arms."""
         n = self.settings.n_samples
         if self.scene.moving.any():  # even times tell where obstacles are
             n = 1 + next(k for k in range(n - 1, nodes.shape[1]) if (nodes.shape[1] - 1) % k == 0)
@@ -447,11 +439,11 @@ class RobotCarrier(LimitedKinematics):
         return (strain.penalty + self.settings.ease * strain.jolt).sum(axis=1) + strain.contact, possible
 
     def shortest(self, motion: CoordinatedMotion, timed: float = 4.0, slower: float = 1.002) -> float:
-        """Return the least duration in which the joints can follow a motion of the hands [s].
+        """Return the least duration in which joints can follow a motion [s].
 
-        The law of motion is unchanged; the result is inf if an arm does not reach, or the motors cannot even hold
-        the load. It is `slower` than what was computed at the duration `timed` [s]: at another pace joints are
-        sampled elsewhere.
+        The law of motion is unchanged; the result is inf if an arm does not reach, or the motors cannot even hold the
+        payload. It is `slower` than the value computed at the duration `timed` [s], as joints are sampled elsewhere
+        in another duration.
         """
         joints, miss = self.track(motion.on(motion.scene.timed(timed)))
         if miss is not None:
@@ -459,14 +451,12 @@ class RobotCarrier(LimitedKinematics):
         return slower * shortest_duration(self.robot, joints, self.holders, self.arms.around.carried)
 
     def track(self, motion: CoordinatedMotion, *, haste: int = 1) -> tuple[JointMotion, Miss | None]:
-        """Compute the joints along a motion of the hands, and where they miss it most, if they do; `haste` as in
-        `search.tracking.track`.
-        """
+        """Compute the joints along a motion, and their largest miss; `haste` as in `search.tracking.track`."""
         course = self.best_course(sampled_nodes(motion))
         return track(self.robot, self.holders, self.arms, motion, course, haste=haste)
 
     def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:
-        """Return the reasons why the robot cannot carry out a motion; none if it can."""
+        """Return the reasons why the robot cannot execute a motion."""
         return self._carried_out(motion, self.settings.slack)[1].reasons
 
     @property
@@ -475,13 +465,13 @@ class RobotCarrier(LimitedKinematics):
         return (CheckOfVerified(self.reasons),)
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
-        """Compute and verify the joints that follow a motion of the hands, with bounds as tight as they can be."""
+        """Compute and verify the joints along a motion, with the tightest bounds."""
         return self._carried_out(motion, 0.0)
 
     def _carried_out(
         self, given: CoordinatedMotion | VerifiedMotion, slack: float
     ) -> tuple[JointMotion, JointVerdict]:
-        """Compute and verify the joints that follow a motion; what is verified is kept."""
+        """Compute and verify the joints that follow a motion. Verified ones are kept."""
         motion = given.motion if isinstance(given, VerifiedMotion) else given
         known = [(tight, result) for of, tight, result in self.kept if of is motion]
         for tight, result in known:
@@ -503,7 +493,7 @@ class RobotCarrier(LimitedKinematics):
         return result
 
     def _recall(self, joints: JointMotion, verdict: JointVerdict) -> None:
-        """Note which links met in a motion that was rejected, where capsules had told of no contact."""
+        """Note links that met in a rejected motion despite clear capsules."""
         report, needed = verdict.report, min(self.scene.clearance, ROBOT_CLEARANCE)
         if not report.clearance_self < needed or "clearance_self" not in report.where:
             return
@@ -512,7 +502,7 @@ class RobotCarrier(LimitedKinematics):
         self.recalled[:] = [recalled(self.robot, self.holders, self.arms.links, q, needed + FAT)]
 
     def keep(self, motion: CoordinatedMotion, led: Array) -> None:
-        """Verify a motion with the joints that carry it out nearest to `led`, and keep them as those of the motion.
+        """Verify a motion with its joints nearest to `led`, and keep them.
 
         Parameters
         ----------
@@ -526,14 +516,14 @@ class RobotCarrier(LimitedKinematics):
         self.kept.append((motion, 0.0, (joints, verdict)))
 
     def require_reach(self) -> None:
-        """Solve both ends, before the clock of a search starts.
+        """Solve both ends, before the time of a search starts.
 
         Raises
         ------
         SceneError
             If an arm cannot reach its start or its goal.
         RobotError
-            If no joints there leave room for an approach or a release that is wanted.
+            If no joints there admit a required approach or release.
         """
         for retreat in self._retreats.values():
             retreat.require_free_rest()
@@ -542,12 +532,12 @@ class RobotCarrier(LimitedKinematics):
             _ = self._pairs
 
     def require_clear_ends(self) -> None:
-        """Refuse a scene at whose ends bodies are too near whatever joints hold the load.
+        """Reject a scene whose ends have contacts for all joints.
 
         Raises
         ------
         SceneError
-            If they are, by the exact bodies; with their names.
+            If the exact bodies are too near; with their names.
         """
         for end, branches in (("start", self.starts), ("goal", self.goals)):
             if near := self.ends.contact(end, branches):
@@ -566,7 +556,7 @@ class RobotCarrier(LimitedKinematics):
         return f" at {self.scene.time_at(end):g} s"
 
     def require_room_for_obstacles(self) -> None:
-        """Refuse obstacles that move into what cannot give way: links at rest, and the ends of the carry.
+        """Reject obstacles that move into links at rest or both ends.
 
         Raises
         ------
@@ -587,7 +577,7 @@ class RobotCarrier(LimitedKinematics):
         self.require_clear_ends()
 
     def _apart(self, end: str) -> str:
-        """Return that two hands are nearer to each other than hands usually are, in words; empty where none are."""
+        """Return the message that two end effectors are very near each other. It is empty otherwise."""
         hands = self.scene.nodes_at(end)[: len(self.holders)]
         for i, j in combinations(range(len(hands)), 2):
             gap = float(np.linalg.norm(hands[i] - hands[j]))
@@ -598,14 +588,14 @@ class RobotCarrier(LimitedKinematics):
 
     @property
     def turning(self) -> float:
-        """Return how far joints turn to the start and on to the goal at least, far more where links touch [rad]."""
+        """Return the least joint rotation to the start and goal [rad]. It is much more where links touch."""
         first, last = self._pairs[0]
         away = apart(self.ends.present, first) + apart(first, last)
         return away + (0.0 if self.is_clear_at_ends else 2.0 * np.pi)
 
     @property
     def is_clear_at_ends(self) -> bool:
-        """Return whether the likeliest joints at both ends may be clear, as capsules tell it."""
+        """Return whether the likeliest joints at both ends may be clear. Capsules decide."""
         ends = zip(self._pairs[0], ("start", "goal"), strict=True)
         return all(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0] < 2 for q, end in ends)
 
@@ -633,7 +623,7 @@ class RobotCarrier(LimitedKinematics):
         follower.slopes(coordinates.blocks, straight.knots[0], *follower.follow(nodes[0]))
 
     def strain(self, nodes: Array, course: Array, arms: Arms | None = None) -> Strain:
-        """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""
+        """Compute the demands of motions on the arms; `course` is (2, n_joints), nodes as in `ask`."""
         arms = arms or self.arms
         if len(nodes) == 1:
             return Strain(*follow(arms, nodes, course, self.scene.duration))
@@ -642,8 +632,7 @@ class RobotCarrier(LimitedKinematics):
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_course(self, nodes: Array) -> Array:
-        """Choose, for each arm, the start from which it follows one motion best, and the goal nearest to it; array,
-        shape (2, n_joints). The course of the last plan is kept for motions that can go along it.
+        """Choose each arm's best start and nearest goal; array, shape (2, n_joints). The last plan's are preferred.
 
         Parameters
         ----------
@@ -674,17 +663,15 @@ class RobotCarrier(LimitedKinematics):
         return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
 
     def _onward(self, i: int) -> Array:
-        """Return each of the joints of arm i at the start, and those of its goals that are nearest to them; array,
-        shape (n_starts, 2, n_joints of the arm).
-        """
+        """Return arm i's starts with their nearest goals; array, shape (n_starts, 2, n_joints of the arm)."""
         starts = self.starts[i]
         goals = turned_towards(self.arms.chains, starts[:, None], self.goals[i], self.ends.part(i))
         away = np.abs(starts[:, None] - goals).max(axis=2).round(DIGITS)
         return np.stack([starts, goals[np.arange(len(starts)), away.argmin(axis=1)]], axis=1)
 
     def _cost(self, strain: Strain) -> tuple[int, float]:
-        """Return how tight it is for links in one motion, and its penalty.
+        """Return the tightness of links in one motion, and its penalty.
 
-        The former counts first: a smoother motion mends rates, but hardly ever links that meet.
+        The former counts first: a smoother motion improves rates, but hardly ever links that meet.
         """
         return int(self.ends.tight(strain.clearance)[0]), float(strain.penalty.sum() + strain.contact[0])

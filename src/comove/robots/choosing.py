@@ -1,8 +1,8 @@
-"""Ways to hold a payload and to put it down, ranked by the reach of each arm before anything is searched.
+"""Grasps and placements of a payload, ranked by the reach of arms.
 
-For every grasp at both ends the joints of its arm are solved by themselves. The value of a way is how far joints turn
-from home to the start and on to the goal at least, as that of the worst arm, and more where an arm is nearly singular
-there. Grasps and ends that ways share are solved once.
+They are ranked before any search. For every grasp at both ends the joints of its arm are solved by themselves. The
+value of an option is the least rotation of joints from home to the start and on to the goal, that of the worst arm,
+and more where an arm is nearly singular there. Grasps and ends that options share are solved once.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from comove.robots.search.ranges import may_reach
 
 @dataclass(frozen=True)
 class ReachSettings:
-    """Settings of how ways to hold and put down a payload are ranked.
+    """Settings of the ranking of grasps and placements.
 
     Attributes
     ----------
-    exact : ways that are looked at with all bodies, unless fewer are clear at their ends: the best is taken first
-    singular : least singular value of a Jacobian at which a way counts one radian more [m/rad, with `lever`]
+    exact : options that are checked with all bodies, unless fewer are clear at their ends: the best is first
+    singular : least singular value of a Jacobian at which an option counts one radian more [m/rad, with `lever`]
     lever : length by which angular velocities are compared with velocities [m]
     turns : of goals that are free, before the best turns are refined
     n_seeds : random joints from which a pose is solved where it has no closed form
@@ -63,9 +63,9 @@ class Reach:
     scene: Scene
 
     def ranked(self) -> list[tuple[GraspOption, float]]:
-        """Return the choices that all arms reach with the turns of their goals, the best first.
+        """Return the options within reach of all arms, best first.
 
-        Those by which more grasps hold the payload precede all others.
+        Each has the turn of its goal. Those by which more grasps hold the payload precede all others.
         """
         found, n_far = list[tuple[int, float, int, GraspOption, float]](), self.scene.n_far.tolist()
         for k, choice in enumerate(self.scene.file.choices or ()):
@@ -80,12 +80,12 @@ class Reach:
         return [(choice, turn) for *_, choice, turn in sorted(found, key=lambda one: one[:3])]
 
     def nearest(self) -> GraspOption:
-        """Return the choice of which least is missing, where arms reach none."""
+        """Return the option nearest to reach, where arms reach none."""
         assert self.scene.file.choices, "a scene that leaves nothing open is not ranked"
         return min(self.scene.file.choices, key=self._missing)
 
     def value(self, choice: GraspOption, turn: float = 0.0) -> float:
-        """Return how far joints turn at least with a choice, infinite where an arm does not reach [rad]."""
+        """Return an option's least joint rotation, infinite out of reach [rad]."""
         return self._away(choice, turned_goal(choice, turn).goal, True)
 
     def _away(self, choice: GraspOption, goal: PayloadPose, to_goal: bool) -> float:
@@ -117,7 +117,7 @@ class Reach:
         return {}
 
     def _joints(self, name: str, choice: GraspOption, end: PayloadPose) -> tuple[Array, Array, float]:
-        """Return joints of an arm that hold its grasp at a pose, what their singularity costs, and what is missing.
+        """Return an arm's joints for a grasp, their singularity cost and residual.
 
         Arrays, shapes (n, n_joints) and (n,); empty where it does not reach.
         """

@@ -19,14 +19,14 @@ uncertainty: {position: 0.002, rotation_deg: 0.1}   # [m, deg] tolerance of the 
 ```
 
 `name`, `models` and `arms` are required. `tip` is a frame of the model; `tool` is the grasp frame in it, which is
-placed at the hand's pose in the scene: z is the direction of approach, and fingers open along y. The joints between
-base and tip move, except those in `posture`. `home` has one value for each joint that moves, from the base to the
-tip (the middle of its limits unless given); redundant joints are drawn towards it. `limits` replace those of the
+placed at the end effector's pose in the scene: z is the direction of approach, and fingers open along y. The joints
+between base and tip move, except those in `posture`. `home` has one value for each joint that moves, from the base to
+the tip (the middle of its limits unless given); redundant joints are drawn towards it. `limits` replace those of the
 URDF, key by key; `soft_lower`, `soft_upper` and `k_position` those of its ``<safety_controller>``
-(`comove.robots.further_limits`). `payload` [kg] is what the maker rates an arm for
-beyond its last joint, hand included. Paths are relative to the description, or ``package://NAME/...``.
+(`comove.robots.further_limits`). `payload` [kg] is the maker's rated load of an arm beyond its last joint, end
+effector included. Paths are relative to the description, or ``package://NAME/...``.
 
-`gripper` is what the URDF of an arm lacks: a URDF of its own, or shapes, fixed to the tip (`GripperDescription`).
+`gripper` is missing in the URDF of an arm: a URDF of its own, or shapes, fixed to the tip (`GripperDescription`).
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ class ArmDescription(Sparse):
 
 
 class JointLimits(Sparse):
-    """Limits of a joint that replace those of the URDF [rad or m, s, N m or N]."""
+    """Joint limits in place of the URDF's. Units are rad or m, s, N m or N."""
 
     LATER = ("jerk", "soft_lower", "soft_upper", "k_position")
 
@@ -270,7 +270,7 @@ def bundled_robots() -> tuple[str, ...]:
 
 
 def find_description(robot: str | Path, folder: Path | None = None) -> Path:
-    """Return the file of a robot, given the name of a bundled one or a path (relative to `folder`, if given).
+    """Return the file of a bundled robot or a path. Relative paths start at `folder`, if given.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def find_description(robot: str | Path, folder: Path | None = None) -> Path:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether there is such a file; its name may be impossible."""
+    """Return whether there is such a file. Its name may be impossible."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long, or has a zero byte
@@ -305,7 +305,7 @@ def load_description(path: Path) -> RobotFile:
     Raises
     ------
     RobotError
-        If there are errors; the message names file, key, line, value and way out of the first three.
+        If there are errors; the message names file, key, line, value and hint of the first three.
     """
     require_description(path)
     try:

@@ -1,18 +1,17 @@
-"""Torques of a joint motion, and the least duration in which the motors can run it.
+"""Torques of a joint motion, and its least duration by the motors.
 
-Torques are inverse dynamics with the load's mass at the hands.
+Torques are inverse dynamics with the payload's mass at the end effectors.
 
 Torques are *sampled*, at 100 Hz or finer and in the middle between two samples; between these instants there is no
 rigorous bound. The largest deviation of a middle value from the mean of its neighbours is added to every sample: a
 torque that is a quadratic in time between two samples exceeds them and the middle value by at most a quarter of it.
 
-The load is modelled as point masses at its holders' grasps, which share its mass as they balance it: the shares'
+The payload is modelled as point masses at its holders' grasps, which share its mass as they balance it: the shares'
 mean place lies below its centre of mass (the rule of the lever), and of all such shares they are the most equal ones,
-those of hands alike stiff. Friction is neglected; rotor inertias count where the model has them. Springs hold their
+those of equally stiff arms. Friction is neglected; rotor inertias count where the model has them. Springs hold their
 share of the arms' own weight.
 
-Of the payload that an arm is rated for, its hand takes what it weighs, and the load the larger of that share and an
-equal one.
+An arm's rated payload covers its end effector's mass and its share of the payload's, at least an equal one.
 """
 
 from __future__ import annotations
@@ -42,27 +41,27 @@ from comove.robots.verification.kinematics import Inertias, inverse_dynamics
 
 
 def load_mass(scene: Scene) -> float:
-    """Return the mass of a scene's load, `DEFAULT_MASS` where the scene does not say [kg]."""
+    """Return the mass of a scene's payload, `DEFAULT_MASS` by default [kg]."""
     return DEFAULT_MASS if scene.load_mass is None else scene.load_mass
 
 
 def carried_masses(scene: Scene) -> Array:
-    """Return the mass that every hand carries, as its holders balance it; array, shape (n_hands,) [kg].
+    """Return the mass that every end effector holds; array, shape (n_hands,) [kg].
 
-    A hand beyond the others, seen from the centre of mass, holds the load down: its mass is negative.
+    An end effector beyond the others, seen from the centre of mass, holds the payload down: its mass is negative.
     """
     return load_mass(scene) * _shares(scene)
 
 
 def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
-    """Return what every hand carries of what its arm is rated for, its own mass included; array, shape (n_hands,)."""
+    """Return every arm's used share of its rated payload; array, shape (n_hands,). End effectors count."""
     return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
 
 
 def _counted_masses(scene: Scene) -> Array:
-    """Return the mass that counts as every hand's share; array, shape (n_hands,) [kg].
+    """Return the mass that counts as every end effector's share; array, shape (n_hands,) [kg].
 
-    A share that is less than an equal one counts as that: a load that leans or lags is not held in balance.
+    A share below an equal one counts as that: a payload that leans or lags is not held in balance.
     """
     share = np.abs(_shares(scene))
     least = 1.0 / max(len(scene.file.holder_numbers), 1)
@@ -70,7 +69,7 @@ def _counted_masses(scene: Scene) -> Array:
 
 
 def overburdened(scene: Scene, arms: tuple[Arm, ...]) -> Iterator[str]:
-    """Yield why arms cannot hold a scene's load for its mass, in words; the mass that is advised suits all arms."""
+    """Yield messages of arms overloaded by a scene's payload. The mass that they advise suits all arms."""
     carried, masses, ratios = load_mass(scene), _counted_masses(scene).tolist(), payloads(scene, arms)
     own = [(arm.payload - arm.hand) / mass for arm, mass in zip(arms, masses, strict=True) if mass > 0.0]
     most = carried * min((ratio for ratio in own if ratio > 0.0), default=np.inf)
@@ -89,14 +88,14 @@ def overburdened(scene: Scene, arms: tuple[Arm, ...]) -> Iterator[str]:
 
 
 def _rounded_down(value: float, digits: int = 3) -> str:
-    """Return a positive number in some digits, as text, and no larger than it is."""
+    """Return a positive number, rounded down to some digits, as text."""
     step = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
 @lru_cache(maxsize=8)
 def _shares(scene: Scene) -> Array:
-    """Return the share of the load's mass that every hand carries; array, shape (n_hands,), not to be changed."""
+    """Return every end effector's share of the payload's mass; read-only array, shape (n_hands,)."""
     shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
     if not holders:
         return shares
@@ -113,7 +112,7 @@ def _shares(scene: Scene) -> Array:
 
 
 def _center_of_mass(scene: Scene) -> Array:
-    """Return the centre of mass of a load of one density at the start; array, shape (3,) [m].
+    """Return a uniform payload's centre of mass at the start; array, shape (3,) [m].
 
     A mesh has that of its polytopes, whose overlaps count as often as in simulations; sheets have a thickness there.
     """
@@ -129,7 +128,7 @@ def _center_of_mass(scene: Scene) -> Array:
 
 
 def _volume(corners: Array) -> tuple[float, Array]:
-    """Return the volume of a convex hull, times 6 [m^3], and its centre, array of shape (3,) [m]."""
+    """Return a convex hull's volume, times 6 [m^3], and centre; array, shape (3,) [m]."""
     from scipy.spatial import ConvexHull
 
     middle, faces = corners.mean(axis=0), corners[ConvexHull(corners).simplices]
@@ -138,7 +137,7 @@ def _volume(corners: Array) -> tuple[float, Array]:
 
 
 def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
-    """Return a copy of the robot's model with point masses at the arms' grasps, array of shape (n_arms,) [kg]."""
+    """Return the robot's model with masses [kg] at the arms' grasps; `masses` has the shape (n_arms,)."""
     model = robot.model.copy()
     for arm, mass in zip(arms, masses, strict=True):
         point = pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3)))
@@ -148,12 +147,12 @@ def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
 
 
 def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
-    """Compute the largest share of its effort limit that a joint uses, with the margin for instants between samples.
+    """Compute the largest share of a joint's effort limit. A margin for instants between samples is included.
 
     Parameters
     ----------
-    arms : the arms that carry
-    masses : array, shape (n_arms,), mass that each arm carries [kg]
+    arms : the arms that hold the payload
+    masses : array, shape (n_arms,), mass that each arm holds [kg]
     curve : joint positions by time [s], cubic between samples
     """
     time, model = _sampling(curve.x), loaded_model(robot, arms, masses)
@@ -161,10 +160,7 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
 
 
 def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
-    """Compute the largest share of its effort limit that a joint uses where the robot holds still along a motion.
-
-    Arguments as in `largest_torque`.
-    """
+    """Compute the largest share of effort limits while still along a motion. Arguments as in `largest_torque`."""
     time = _sampling(curve.x)
     position = curve(time)
     still = np.zeros_like(position)
@@ -174,10 +170,10 @@ def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPol
 
 
 def shortest_duration(robot: Robot, joints: JointMotion, arms: tuple[Arm, ...], masses: Array) -> float:
-    """Compute the least duration in which a motion, stretched or shortened evenly, keeps its limits [s].
+    """Compute the least duration [s] in which a scaled motion keeps limits.
 
-    At r times the pace, velocities are r times and accelerations r^2 times as large, and a torque is s + r^2 d, where
-    s holds the weight and d accelerates the masses: both are computed once.
+    For a time scaling r, velocities are r times and accelerations r^2 times as large, and a torque is s + r^2 d,
+    where s holds the weight and d accelerates the masses: both are computed once.
 
     Returns
     -------
@@ -206,7 +202,7 @@ def shortest_duration(robot: Robot, joints: JointMotion, arms: tuple[Arm, ...], 
 
 
 def _pace_of_torques(robot: Robot, joints: JointMotion, model: Any, fastest: float = 1e4) -> float:
-    """Compute the largest factor of the pace that the motors allow, 0 if they cannot hold the robot still."""
+    """Compute the largest time scaling that the motors allow. It is 0 if they cannot hold the robot still."""
     time = _sampling(joints.time)
     position, velocity, acceleration = joints.at(time)
     still = np.zeros_like(position)
@@ -228,22 +224,22 @@ def _pace_of_torques(robot: Robot, joints: JointMotion, model: Any, fastest: flo
 
 
 def _sampling(samples: Array, step: float = 0.01) -> Array:
-    """Return instants at most `step` apart [s]; every second one is in the middle of its neighbours."""
+    """Return instants at most `step` apart [s]. Every second one is in the middle of its neighbours."""
     return subdivided(samples, 2 * np.ceil(np.diff(samples) / step - 1e-9).astype(int))[0]
 
 
 def _largest_share(robot: Robot, time: Array, torque: Array) -> Extreme:
-    """Find the largest share of an effort limit, with the margin between samples, given torques at `_sampling`."""
+    """Find the largest share of effort limits, with a margin between samples. Torques are those at `_sampling`."""
     bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
     return Extreme.largest((np.abs(torque) + bulge) / robot.effort, time)
 
 
 def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceleration: Array) -> Array:
-    """Compute the motors' torques; all arrays of shape (n_steps, n_joints) [N m, N for prismatic joints].
+    """Compute the motors' torques; arrays, shape (n_steps, n_joints) [N m, N for prismatic joints].
 
     Parameters
     ----------
-    loaded : the robot's model with the load
+    loaded : the robot's model with the payload
     """
     torque = inverse_dynamics(robot, Inertias.of(loaded), position, velocity, acceleration)
     if robot.relief.any():

@@ -1,4 +1,4 @@
-"""Joints at the ends of a carry: how arms hold the load at start and goal, and which of these plans lead between."""
+"""Joints of the arms that hold a payload at start and goal."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from comove.robots.verification.kinematics import Bases
 
 @dataclass(frozen=True)
 class EndSettings:
-    """Settings of how joints are found that hold the load at an end.
+    """Settings of the search for joints at an end.
 
     Attributes
     ----------
     n_seeds : random joints from which a pose is solved where it has no closed form
-    n_postures : random postures near which an arm is solved again, where it has no room near its home
-    n_angles : angles of the joint that a closed form leaves open
+    n_postures : random postures near which an arm is solved again, without clearance near its home
+    n_angles : sampled angles of a closed form's free joint
     n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
-    n_measured : solutions whose bodies' distances are computed where capsules tell of no room
-    other : difference from the joints in which the straight motion ends, beyond which others are another branch [rad]
-    last : weight of the turn of an arm's last joint, which no singularity hinders, where joints are compared
-    whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
-    unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
-    n_pairs : pairs that are looked at where joints must leave room for approach or release
+    n_measured : solutions whose bodies' distances are computed where capsules have no clearance
+    other : difference from the straight motion's last joints beyond which others are another branch [rad]
+    last : weight of the rotation of an arm's last joint, which no singularity hinders
+    whatever : of so many pairs of joints at start and goal, one is chosen despite contacts of capsules
+    unlikely : prior count of failed plans of every further pair of joints at start and goal
+    n_pairs : pairs that are checked where joints must admit approach or release
     """
 
     n_seeds: int = 64
@@ -72,13 +72,13 @@ THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
 
 @dataclass(eq=False)
 class Tally:
-    """Counts of what plans between pairs of ends have led to, by which the next pair is drawn.
+    """Results of plans between end pairs, by which the next is drawn.
 
     Attributes
     ----------
     well, ill : arrays, shape (n_pairs,), plans that led to a verified motion, and all others that were tried
-    against : array, shape (n_pairs,), plans that led to nothing which pairs are credited with
-    open : pair of the last plan found, while it is not known what it leads to
+    against : array, shape (n_pairs,), prior counts of failed plans of the pairs
+    open : pair of the last plan found, while its result is not known
     n_verified : motions that were verified before that plan
     """
 
@@ -90,7 +90,7 @@ class Tally:
 
     @classmethod
     def of(cls, n_pairs: int, unlikely: float) -> Tally:
-        """Return a tally without any plans; the pairs are ranked, the likeliest first."""
+        """Return counts without any plans. The pairs are ranked, likeliest first."""
         return cls(np.zeros(n_pairs), np.zeros(n_pairs), unlikely * np.arange(n_pairs).astype(np.float64))
 
     def drawn(self, rng: np.random.Generator, n_verified: int) -> int:
@@ -98,7 +98,7 @@ class Tally:
 
         Parameters
         ----------
-        n_verified : number of motions verified so far, which tells what the last plan led to
+        n_verified : number of motions verified so far, which tells the result of the last plan
         """
         if self.open is not None:
             (self.well if n_verified > self.n_verified else self.ill)[self.open] += 1.0
@@ -108,7 +108,7 @@ class Tally:
         return int(rng.beta(1.0 + self.well, 1.0 + self.against + self.ill).argmax())
 
     def note(self, pair: int, found: bool) -> None:
-        """Note whether a plan was found; what it leads to is seen when the next pair is drawn."""
+        """Note whether a plan was found. Its result is known when the next pair is drawn."""
         if found:
             self.open = pair
         else:
@@ -117,17 +117,17 @@ class Tally:
 
 @dataclass(frozen=True, eq=False)
 class EndJoints:
-    """The joints that hold a load at the ends of a scene.
+    """The joints that hold a payload at the ends of a scene.
 
     Attributes
     ----------
-    robot, scene : the robot, and the scene whose load it carries
-    grasp : how the hands hold it
+    robot, scene : the robot, and the scene whose payload it holds
+    grasp : grasps of the end effectors on it
     holders : arms of the robot in the order of the scene's manipulators
     arms : these as arrays, for kernels
     present : array, shape (n_joints of the arms,), joints from which the robot approaches the start
     settings : settings of the search for joints
-    time : instant at which the obstacles of `arms` are where they are [s]; None where they rest
+    time : instant of the obstacles of `arms` [s]; None where they rest
     """
 
     robot: Robot
@@ -140,15 +140,15 @@ class EndJoints:
     time: float | None = None
 
     def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> Array:
-        """Return pairs of joint positions at start and goal, first those with the least turns of joints.
+        """Return pairs of joints at start and goal, least rotations first.
 
-        A pair's turns are the largest from the present joints to the start and the largest from there to the goal, as
-        one follows the other. Most pairs are the next of those that keep the clearance, then of those that may keep
-        it, and among them of those with the least turns; one of `whatever` is the next of those with the least turns,
-        whatever they keep, as capsules may be much wider than links. Of a load that tilts, those pairs come first
-        whose goal is in the branch in which the straight motion from the start ends, as arms hardly ever change it on
-        the way. Goals are there as they were found and, where joints can turn further than once, as many turns away
-        as is nearest to the start.
+        A pair's rotations are the largest from the present joints to the start and the largest from there to the
+        goal, as one follows the other. Most pairs are the next of those that keep the clearance, then of those that
+        may keep it, and among them of those with the least rotations; one of `whatever` is the next of those with the
+        least rotations, regardless of contacts, as capsules may be much wider than links. Of a payload that tilts,
+        those pairs come first whose goal is in the solution branch in which the straight motion from the start ends,
+        as arms hardly ever change it on the way. Goals are there as they were found and, where joints can turn
+        further than once, as many turns away as is nearest to the start.
 
         Parameters
         ----------
@@ -190,14 +190,14 @@ class EndJoints:
         return np.stack([first[ranked], last[ranked]], axis=1)
 
     def at(self, end: str) -> EndJoints:
-        """Return the same among obstacles that stand where they are at an end."""
+        """Return the same among obstacles placed as at an end."""
         if not self.scene.moving.any():
             return self
         time = self.scene.time_at(end)
         return replace(self, time=time, arms=self.arms.among(self.scene.obstacles_at(time)))
 
     def _led(self, starts: tuple[Array, ...], n_steps: int = 41) -> list[Array]:
-        """Return the joints in which the straight motion from joints at the start ends, by arm.
+        """Return each arm's joints at the end of the straight motion.
 
         Arrays, shape (n_branches, n_joints of the arm), as `starts`; NaN where an arm cannot follow it.
         """
@@ -214,7 +214,7 @@ class EndJoints:
         return led
 
     def difference(self, first: Array, last: Array) -> Array:
-        """Return by how much a joint turns at most between joints of all arms, the last of each arm by its weight.
+        """Return the largest joint rotation of all arms, last joints weighted.
 
         Parameters
         ----------
@@ -229,25 +229,26 @@ class EndJoints:
         return np.asarray((weight * np.abs(first - last)).max(axis=-1))
 
     def tightness(self, q: Array, nodes: Array) -> Integers:
-        """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
-        2 where they do not; arrays, shape (n, n_joints) -> (n,).
+        """Return 0 if links keep clear, 1 if they may, else 2; arrays, shape (n, n_joints) -> (n,).
+
+        They may where only the capsules, which are wider than links, do not.
         """
         return self.tight(self.clearances(q, nodes))
 
     def tight(self, clearance: Array) -> Integers:
-        """Return the same for the least clearances of the links [m]; arrays, shape (n,)."""
+        """Return the `tightness` of least link clearances [m]; arrays, shape (n,)."""
         return np.add(
             clearance <= self.scene.clearance, clearance <= self.scene.clearance - FAT, dtype=np.int64
         )
 
     def clearances(self, q: Array, nodes: Array, some: Links | None = None) -> Array:
-        """Compute the least distances of the links from obstacles, load and each other, at most 5 cm [m].
+        """Compute the links' least distances from obstacles, payload and each other [m]. They are at most 5 cm.
 
         Parameters
         ----------
         q : array, shape (n, n_joints), joint positions of the chains
-        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
-        some : the links that are looked at; None for all
+        nodes : array, shape (n_nodes, 3), positions of the keypoints [m]
+        some : the links to check; None for all
 
         Returns
         -------
@@ -257,7 +258,7 @@ class EndJoints:
         return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
     def branches(self, end: str) -> tuple[Array, ...]:
-        """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and
+        """Compute the joint positions at an end, by arm; those in which its capsules have contacts come last, and
         those in which the arm by itself does are kept only if there are no others.
 
         Returns
@@ -293,12 +294,10 @@ class EndJoints:
         return tuple(found)
 
     def _near(self, end: str) -> Array:
-        """Return the joints near which those at an end are looked for; array, shape (n_joints,)."""
         return self.present if end == "start" else self.arms.around.posture
 
     def contact(self, end: str, branches: tuple[Array, ...]) -> str:
-        """Return the names of two bodies that are too near at an end whatever joints hold the load there; empty
-        where some are clear, by the exact bodies.
+        """Return two bodies that collide at an end for all joints. Exact bodies decide.
 
         Parameters
         ----------
@@ -325,17 +324,17 @@ class EndJoints:
         return np.concatenate([arm.columns for arm in self.holders])
 
     def _room(self, i: int, branches: Array, nodes: Array) -> Array:
-        """Return the clearance of arm i in some of its joints, wherever the other arms are; array, shape (n,) [m]."""
+        """Return arm i's clearance in some joints, without other arms; array, shape (n,) [m]."""
         moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
         moved[:, self.part(i)] = branches
         return self.clearances(moved, nodes, self.arms.links.of(i))
 
     def reaches(self, i: int, nodes: Array, n_seeds: int) -> bool:
-        """Return whether arm i can hold the load and may be clear of all but the other arms, as capsules tell it.
+        """Return whether arm i can hold the payload and may be clear. Capsules decide, without the other arms.
 
         Parameters
         ----------
-        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
+        nodes : array, shape (n_nodes, 3), positions of the keypoints [m]
         n_seeds : random joints from which a pose is solved where it has no closed form
         """
         rotation = self.grasp.hand_rotations(nodes)[i]
@@ -349,17 +348,17 @@ class EndJoints:
         return bool((self._room(i, held, nodes) > self.scene.clearance - FATTEST).any())
 
     def part(self, i: int) -> slice:
-        """Return the columns of arm i among the joints of the arms that carry."""
+        """Return the columns of arm i among the joints of all arms."""
         return slice(self.arms.chains.first[i], self.arms.chains.first[i + 1])
 
     def _solutions(
         self, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int
     ) -> tuple[Array, Array]:
-        """Solve the pose of one hand near a posture, array of shape (n_joints,), from what a closed form finds; where
-        there is none, from the posture and random joints.
+        """Solve an end effector's pose near a posture. Seeds are closed-form solutions, else posture and random ones.
 
         Parameters
         ----------
+        posture : array, shape (n_joints,)
         n_seeds : random joints from which a pose is solved where it has no closed form
 
         Returns
@@ -378,12 +377,12 @@ class EndJoints:
         return self._distinct(joints[np.argsort(away, kind="stable")])
 
     def _distinct(self, joints: Array) -> Array:
-        """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
         return joints[_differ(np.ascontiguousarray(joints), self.settings.same_branch)]
 
     def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array, near: Array) -> Array:
-        """Return distinct solutions of arm i that may be clear by its capsules, near some joints or elsewhere;
-        those come first whose bodies keep the clearance from obstacles. If none may be clear, return all.
+        """Return distinct solutions of arm i whose capsules may be clear; all if none.
+
+        Those come first whose bodies keep the clearance from obstacles.
 
         Parameters
         ----------
@@ -410,7 +409,7 @@ class EndJoints:
         return joints[list(dict.fromkeys([*first, *kept.tolist()]))]
 
     def _measure(self, i: int) -> Callable[[Array], float]:
-        """Return a function that computes the distance of the bodies of arm i from the obstacles [m].
+        """Return a function of arm i's distance from the obstacles [m].
 
         It takes joints of that arm, array of shape (n_joints of the arm,).
         """
@@ -434,7 +433,7 @@ class EndJoints:
         return distance
 
     def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
-        """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""
+        """Return the error that an arm cannot reach an end. It names the residual."""
         q = self.robot.home
         q[arm.columns] = joints
         pose = self.robot.tool_pose(q, arm)
@@ -461,8 +460,9 @@ def _straight(scene: Scene) -> Carried:
 def of_robot(
     robot: Robot, holders: tuple[Arm, ...]
 ) -> tuple[Chains, Links, WristRanges, tuple[ClosedForm | None, ...]]:
-    """Return what no scene changes: chains, links and ranges of some arms of a robot, and how the joints of each arm
-    follow from a pose in closed form, None where they do not.
+    """Return arms' chains, links, ranges and closed forms, without any scene.
+
+    The closed form of an arm is None where its joints do not follow from a pose in closed form.
     """
     chains = chains_of(robot, holders)
     forms = tuple(closed_form(chains, i) for i in range(len(holders)))
@@ -479,7 +479,7 @@ def solved_for(
     n_seeds: int,
     n_angles: int = EndSettings.n_angles,
 ) -> tuple[Array, Array]:
-    """Solve the pose of one hand as `EndJoints` does; arguments and results are those of its method `_solutions`."""
+    """Solve an end effector's pose, with arguments and results of `EndJoints._solutions`."""
     chains, _, _, forms = of_robot(robot, holders)
     if (form := forms[i]) is not None:
         seeds = closed_seeds(form, chains, i, rotation, point, posture, n_angles)
@@ -493,7 +493,7 @@ def solved_for(
 
 
 def _combined(branches: Iterable[Array]) -> Array:
-    """Return the joints of all arms in each combination of their branches; array, shape (n, n_joints)."""
+    """Return all arms' joints in each combination of solutions; array, shape (n, n_joints)."""
     every = list(branches)
     rows = np.indices([len(joints) for joints in every]).reshape(len(every), -1)
     return np.hstack([joints[row] for joints, row in zip(every, rows, strict=True)])
@@ -501,7 +501,7 @@ def _combined(branches: Iterable[Array]) -> Array:
 
 @kernel
 def _differ(joints: Array, apart: float) -> NDArray[np.bool_]:
-    """Return which joints, array of shape (n, n_joints), are further than `apart` from all before that are so."""
+    """Return which joints, shape (n, n_joints), differ from all kept before."""
     kept = np.zeros(joints.shape[0], dtype=np.bool_)
     for k in range(joints.shape[0]):
         kept[k] = True
@@ -520,5 +520,5 @@ def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
 
 
 def apart(p: Array, q: Array) -> float:
-    """Return the largest difference of joints, rounded: what mirrors each other is equally far away."""
+    """Return the largest difference of joints, rounded for ties of mirror images."""
     return round(float(np.abs(p - q).max()), DIGITS)

@@ -1,9 +1,9 @@
-"""Joint motions in a result folder: `joints.npz`, `robot.json` and `scene.json`, beside the hands' `solution.npz`.
+"""Joint motions in a result folder: `joints.npz`, `robot.json` and `scene.json`.
 
 `joints.npz` holds `time` (n_steps,) [s], `joint_names` (n_joints,) and `position`, `velocity` and `acceleration`
 (n_steps, n_joints) [rad, s; m for prismatic joints], and nothing else. The curve is rebuilt from position and time.
-`robot.json` holds the verdict, its measures, and the checksums of scene, robot and motions; `scene.json` is the
-scene itself, so that the folder can be judged anew and played without other files but its meshes.
+`robot.json` holds the verification result, its measures, and the checksums of scene, robot and motions; `scene.json`
+is the scene itself, so that the folder can be verified and played without other files but its meshes.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ def write_joints(
     Parameters
     ----------
     joints, verdict
-        The motion, and the verdict on it.
+        The motion, and its verification result.
     motion
-        Motion of the hands, as in `solution.npz`.
+        Motion of the end effectors, as in `solution.npz`.
     source
         The robot's description: the name of a bundled one or a path; found by the robot's name or from the scene
         unless given.
@@ -141,7 +141,7 @@ def joint_arrays(joints: JointMotion) -> Arrays:
 
 
 def source_of(robot: Robot, scene: Scene, source: str | Path | None) -> str | None:
-    """Return the name of a bundled description, or else its absolute path; None where it is unknown."""
+    """Return the name of a bundled description, or its absolute path. None where it is unknown."""
     named = source if source is not None else robot.name
     if str(named) in bundled_robots():
         return str(named)
@@ -164,14 +164,14 @@ def read_joints(folder: str | Path) -> StoredJoints:
 
 @dataclass(frozen=True)
 class RobotSource:
-    """The description of the robot that a stored joint motion is verified for, and who names it.
+    """The description of the robot of a stored motion, and its origin.
 
     Attributes
     ----------
     robot : the robot
     file : name of the bundled description, or path
-    named_by : who names it, in words
-    is_own : whether nothing but the folder names it, and it is no bundled one: it could allow anything
+    named_by : its origin, in words
+    is_own : whether only the folder names it, and it is not bundled, so that it could allow anything
     """
 
     robot: Robot
@@ -189,10 +189,10 @@ def robot_of(
     named: str | Path | Robot | None = None,
     kind: ResultKind = JOINTS,
 ) -> RobotSource:
-    """Return the robot that the joint motion in a folder is verified for.
+    """Return the robot for which a folder's joint motion is verified.
 
-    It is the one that the caller names, else the one of the scene. `robot.json` is asked last: beside a trusted scene
-    that names no robot it may name a bundled one alone, as a description of its own choice could allow anything.
+    It is that of the caller, else that of the scene, last that of `robot.json`: beside a trusted scene without a
+    robot it may name a bundled one alone, as a description of its own choice could allow anything.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def robot_of(
     Raises
     ------
     RobotError
-        If there is no such robot, or nobody names one that may be trusted.
+        If there is no such robot, or no trusted one is named.
     """
     if isinstance(named, Robot):
         return RobotSource(named, f"sha256 {named.sha256[:12]}", "you", False)
@@ -240,7 +240,7 @@ def robot_of(
 
 
 def _kept(folder: Path, source: str) -> Path | None:
-    """Return the copy of a description that a result folder keeps; None where it keeps none."""
+    """Return a result folder's copy of a description; None if there is none."""
     files = listed_inputs(folder).get("files")
     for place, told in files.items() if isinstance(files, dict) else ():
         if isinstance(told, dict) and told.get("from") == source and is_file(folder / place):
@@ -257,14 +257,14 @@ def _loaded(named: str | Path, named_by: str, folder: Path | None, own: bool = F
 def verified_against(
     folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
 ) -> tuple[VerifiedJointMotion, tuple[str, str]]:
-    """Return the joint motion of a result folder, verified anew, and in words what scene and robot it is against.
+    """Return a folder's joint motion, verified anew, and its scene and robot.
 
     Parameters
     ----------
     scene
         A trusted scene; the folder's own unless given.
     robot
-        Name or path of a trusted description; what `robot_of` says unless given.
+        Name or path of a trusted description; that of `robot_of` unless given.
 
     Raises
     ------
@@ -288,17 +288,17 @@ def verified_against(
 def verify_stored(
     folder: str | Path, robot: Robot | None = None, *, scene: Scene | None = None
 ) -> JointVerdict:
-    """Judge a stored joint motion anew.
+    """Verify a stored joint motion anew.
 
-    The judge's assumptions come from the scene and the robot's description, never from `robot.json`, which must agree
-    with them.
+    The assumptions come from the scene and the robot's description, never from `robot.json`, which must agree with
+    them.
 
     Parameters
     ----------
     robot
         The robot; the one that `robot_of` finds unless given.
     scene
-        Scene on which the motion is judged; the folder's own unless given.
+        Scene on which the motion is verified; the folder's own unless given.
 
     Raises
     ------
@@ -345,7 +345,7 @@ _NOTHING = JointVerdict(None, JointReport(), ())
 
 
 def _other_assumptions(summary: Mapping[str, Any], robot: Robot) -> list[str]:
-    """List the assumptions in the summary that differ from the judge's, in words."""
+    """List the summary's assumptions that differ from the verifier's, in words."""
     assumed: dict[str, tuple[Any, str]] = {
         "uncertainty": (robot.description.uncertainty.model_dump(), "the robot's description says"),
         "mass_shares": (None, "it is judged by"),  # equal ones; former versions could be told of others
@@ -360,7 +360,7 @@ def _other_assumptions(summary: Mapping[str, Any], robot: Robot) -> list[str]:
 
 
 def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot) -> list[str]:
-    """List the checksums that do not fit, in words."""
+    """List the wrong checksums, in words."""
     summary = stored.summary
     expected = {
         "scene_sha256": (
@@ -382,7 +382,7 @@ def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot
 
 
 def _misshapen(arrays: Arrays) -> list[str]:
-    """List the arrays whose type or shape does not fit samples of joints, in words."""
+    """List the arrays of wrong type or shape, in words."""
     shape, flaws = arrays["position"].shape, []
     for name, array in arrays.items():
         kind, right = ("U", shape[1:]) if name == "joint_names" else ("f", shape)
@@ -395,7 +395,7 @@ def _misshapen(arrays: Arrays) -> list[str]:
 
 
 def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
-    """List, by joint, the array that does not fit the others at its largest deviation, in words.
+    """List each joint's most inconsistent array and its largest deviation, in words.
 
     On a cubic of duration h, v1 - v0 = h/2 (a0 + a1) and q1 - q0 = h/2 (v0 + v1) + h^2/12 (a0 - a1). Where only the
     latter is broken, a position was changed: the one that two such cubics share.
@@ -426,7 +426,7 @@ def _shared(broken: Integers, n_intervals: int) -> int:
 
 
 def _furthest(joints: JointMotion, arrays: Arrays, joint: int) -> tuple[str, int]:
-    """Return the name and the sample of the array that is furthest from the curve through the positions."""
+    """Return the array furthest from the positions' curve, and its sample."""
     off = {}
     for name, right in (("velocity", joints.velocity), ("acceleration", joints.acceleration)):
         difference = np.abs(arrays[name][:, joint] - right[:, joint]) / max(np.abs(right).max(), FITS)

@@ -1,4 +1,4 @@
-"""Formats of robot files: what a file is, and what makes of it the one that is wanted.
+"""Formats of robot files: their detection, and commands that convert them.
 
 Of an SRDF, the pairs of links that need not be kept apart and the group states are read.
 As in MoveIt 2, ``<disable_default_collisions link="a"/>`` leaves out all pairs of a link, ``<enable_collisions/>``
@@ -24,7 +24,7 @@ UNEXPANDED = ("${", "$(")  # in the values of a xacro
 
 
 def elements_in(path: Path, wanted: str) -> ET.Element:
-    """Return the root element of a robot file, which must be of the format `wanted`.
+    """Return the root element of a robot file of the format `wanted`.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def bytes_in(path: Path, limit: int) -> bytes:
 
 
 def require_format(root: ET.Element, path: Path, wanted: str) -> None:
-    """Refuse a file of another format than `wanted`, and name the command that converts it."""
+    """Reject a file of another format, with the command to convert it."""
     text = None if wanted == MJCF and root.tag != "robot" else _unexpanded(root)
     if text is not None:
         raise _other(path, XACRO, wanted, f" ({shortened(text)})")
@@ -83,7 +83,7 @@ def require_format(root: ET.Element, path: Path, wanted: str) -> None:
 
 
 def require_description(path: Path) -> None:
-    """Refuse a model in place of a robot's description, and name the command that makes one of it."""
+    """Reject a model in place of a description. The message names the command that converts it."""
     try:
         with open(path, "rb") as file:
             begins = file.read(200).removeprefix(b"\xef\xbb\xbf").lstrip()
@@ -94,7 +94,7 @@ def require_description(path: Path) -> None:
 
 
 def _unexpanded(root: ET.Element) -> str | None:
-    """Return the first text of a xacro that is not expanded; None where there is none."""
+    """Return the first text of an unexpanded xacro; None if there is none."""
     for element in root.iter():
         if "xacro" in element.tag:
             return f"<{element.tag}>"
@@ -110,7 +110,7 @@ def _tells_pairs(root: ET.Element) -> bool:
 
 
 def _other(path: Path, found: str, wanted: str, shown: str = "") -> RobotError:
-    """Return the error of a file that is of the format `found`."""
+    """Return the error of a file of the format `found`."""
     way_out = {
         XACRO: f"expand it first: pip install xacro, then xacro {path} > robot.urdf",
         MJCF: f"convert it first: comove robot convert {path} --out FOLDER",
@@ -129,7 +129,7 @@ LinkPair = frozenset[str]
 
 @dataclass(frozen=True)
 class GroupState:
-    """Values of joints [rad, m for prismatic joints] that an SRDF names for a group."""
+    """Joint values of an SRDF's group [rad, m for prismatic joints]."""
 
     name: str
     group: str
@@ -153,12 +153,12 @@ class Srdf:
 
 
 def srdf_of(root: ET.Element, links: Iterable[str], prefix: str = "") -> Srdf:
-    """Return what an SRDF says of the links of a model.
+    """Return the contents of an SRDF for the links of a model.
 
     Parameters
     ----------
     links : names of the links, with the model's prefix
-    prefix : what the model puts before the names of the SRDF
+    prefix : the model's prefix of the names in the SRDF
 
     Raises
     ------
@@ -183,7 +183,7 @@ def _pairs(root: ET.Element, tag: str, prefix: str) -> Iterator[LinkPair]:
 
 
 def _states(root: ET.Element, prefix: str) -> Iterator[GroupState]:
-    """Yield the group states; joints of several values, which do not move, are left out."""
+    """Yield the group states. Joints of several values, which do not move, are left out."""
     for state in root.iter("group_state"):
         values: dict[str, float] = {}
         for joint in state.findall("joint"):

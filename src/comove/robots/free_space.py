@@ -1,8 +1,8 @@
-"""Paths of all joints through free space: straight, one arm after the other, or by RRT-Connect and shortcuts.
+"""Paths of all joints through free space: straight, arm by arm, or RRT-Connect.
 
-Joint space is measured in metres: the length of a joint's motion is the largest change of distance between two bodies
-that it can cause. So, on a straight path, no distance changes between two checked configurations by more than half
-the length between them.
+Shortcuts shorten the last. Joint space is measured in metres: the length of a joint's motion is the largest change of
+distance between two bodies that it can cause. So, on a straight path, no distance changes between two checked
+configurations by more than half the length between them.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
 
 @dataclass(frozen=True)
 class RoomSettings:
-    """Settings of ways through free space.
+    """Settings of paths through free space.
 
     Attributes
     ----------
-    spares : clearances beyond what is required, of which a pair keeps the first that it has at both ends [m]
+    spares : clearances beyond the required one, of which a pair keeps the first that it has at both ends [m]
     step : length of an extension of a tree, at most [m]
     most_nodes : nodes of both trees, at most
-    n_shortcuts : attempts to shorten a way
-    near_the_line, spread : share of random configurations near the straight way, and how far they are from it [rad]
+    n_shortcuts : attempts to shorten a path
+    near_the_line, spread : share of random configurations near the straight path, and their distance from it [rad]
     """
 
     spares: tuple[float, ...] = (0.02, 0.01, 0.004)
@@ -55,12 +55,12 @@ SETTINGS = RoomSettings()
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Free space of a robot, in which links keep clear of the scene, the load and each other.
+    """Free space of a robot among the scene, the payload and itself.
 
     Attributes
     ----------
-    bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
-    arms : the arms that move; those that are where they should be stand still
+    bodies : the bodies and the clearances required of their pairs; a payload lies at its place
+    arms : the arms that move; those already at their goal are static
     spare : array, shape (n_pairs,), clearance kept beyond the required one [m]
     outline : the arms as capsules, which save most of the exact checks; None to have all
     clock : clock of a search without a deadline
@@ -74,13 +74,13 @@ class Room:
 
     @classmethod
     def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
-        """Return the free space in which pairs keep as much to spare as they have at both ends.
+        """Return the free space that keeps the spare clearance of both ends.
 
         Parameters
         ----------
-        bodies : a load lies where it was placed
+        bodies : a payload lies at its place
         ends : array, shape (2, n_joints)
-        nodes : array, shape (n_nodes, 3), nodes of the load [m]; None where there is none
+        nodes : array, shape (n_nodes, 3), keypoints of the payload [m]; None where there is none
         """
         spare, robot = np.full(len(bodies.kind), SETTINGS.spares[0]), bodies.robot
         for lower in SETTINGS.spares[1:]:
@@ -95,7 +95,7 @@ class Room:
 
     @property
     def rigorous(self) -> Room:
-        """Return the same space, in which everything is checked exactly."""
+        """Return the same space without approximate checks."""
         return replace(self, outline=None)
 
     @cached_property
@@ -110,14 +110,14 @@ class Room:
 
     @cached_property
     def _first(self) -> _Pairs:
-        """Return the pairs that are checked first: of bodies that move, hulls for the pairs that they hold."""
+        """Return the pairs of moving bodies that are checked first, as hulls."""
         exact, moves = self.bodies.exact, self.bodies.joint_reach.any(axis=1)
         held = exact[exact != np.arange(len(exact))]
         return _Pairs.of(self.bodies, np.setdiff1d(np.flatnonzero(moves), held), self._required)
 
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:
-        """Return rows of `_first` by the names of both links, or of the only one with obstacles and load."""
+        """Return rows of `_first` by link names. Obstacles and payload are not named."""
         items, numbers = self.bodies.geometry.geometryObjects, self._first.numbers
         ends, alone = self.bodies.ends[numbers].tolist(), self.bodies.kind[numbers] != SELF
         rows = defaultdict[frozenset[str], list[int]](list)
@@ -128,7 +128,7 @@ class Room:
 
     @cached_property
     def _limits(self) -> tuple[float, float]:
-        """Return the outline's clearances above which all is free, and at which it is blocked [m]."""
+        """Return the outline's clearances of free and of blocked space [m]."""
         enough = float(self._required.max(initial=0.0)) + PROUDEST + ROUGH
         spare = float(self.spare.min(initial=SETTINGS.spares[0]))
         return enough, float(self.bodies.required.max()) + spare - FATTEST
@@ -151,7 +151,7 @@ class Room:
         return self.are_free(q[None])
 
     def are_free(self, q: Array) -> bool:
-        """Return whether all pairs keep their clearance at configurations, array of shape (n, n_joints)."""
+        """Return whether pairs keep their clearance at configurations; `q` has the shape (n, n_joints)."""
         if (outline := self.outline) is None:
             return not any(self._touching(one) for one in q)
         enough, blocked = self._limits
@@ -167,11 +167,10 @@ class Room:
         return not (untold and any(self._touching(one, untold) for one in q[apart >= enough]))
 
     def _rows(self, names: frozenset[frozenset[str]]) -> list[int]:
-        """Return which of the pairs that are checked first have these names."""
         return [row for name in names for row in self._rows_of.get(name, ())]
 
     def _touching(self, q: Array, some: list[int] | None = None) -> list[int]:
-        """Return the numbers of the pairs that are too near at q, of some of those that are checked first."""
+        """Return the pairs that are too near at q. Some of those checked first may be selected."""
         exact, everything = self.bodies.exact, self._all
         near = [(k, int(exact[k])) for k in self._first.near(q, some)]
         if any(k != number for k, number in near):
@@ -184,11 +183,11 @@ class Room:
         return self.bodies.name(touching[0]) if touching else ""
 
     def length(self, first: Array, second: Array) -> float:
-        """Return the largest change of any distance on the straight path between two configurations [m]."""
+        """Return the largest distance change on the straight path between configurations [m]."""
         return float(np.abs(second - first) @ self.lever)
 
     def draw(self, nodes: Array, counts: Array, this: int, rng: np.random.Generator, out: Array) -> bool:
-        """Write random joints, some of them near the straight way between both ends."""
+        """Write random joints, some near the straight path between both ends."""
         robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
         if rng.random() > SETTINGS.near_the_line:
             q = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
@@ -202,7 +201,7 @@ class Room:
         return int((np.abs(tree[:count] - q) @ self.lever).argmin())
 
     def extend(self, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
-        """Write the node at most so many steps from p towards q; return whether the edge is free."""
+        """Write the node some steps from p towards q; return whether it is free."""
         away, most = self.length(p, q), steps * SETTINGS.step
         share = 1.0 if away <= most else most / away
         out[:] = q if share == 1.0 else p + share * (q - p)
@@ -223,7 +222,7 @@ class Room:
         return True
 
     def is_free_between(self, first: Array, second: Array) -> bool:
-        """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
+        """Return whether pairs keep clear, less the spare, straight between free configurations."""
         changes = self.bodies.joint_reach @ np.abs(second - first)
         count = int(np.ceil((changes / (2.0 * self.spare)).max(initial=0.0)))
         width = count.bit_length()
@@ -263,7 +262,7 @@ class _Pairs:
         return cls(model, model.createData(), geometry, data, numbers, required[numbers])
 
     def near(self, q: Array, some: list[int] | None = None) -> list[int]:
-        """Return the numbers of those that are too near at joint positions q; `some` are the rows looked at."""
+        """Return the numbers of pairs too near at q; `some` are the rows to check."""
         rows, data = range(len(self.numbers)) if some is None else some, self.data
         data.deactivateAllCollisionPairs()
         for row in rows:
@@ -278,13 +277,13 @@ class _Pairs:
         pin.updateGeometryPlacements(self.model, self.kinematics, self.geometry, self.data, q)
 
     def is_near(self, k: int) -> bool:
-        """Return whether the k-th pair is too near where the bodies were put."""
+        """Return whether the k-th pair is too near in its placement."""
         result = pin.computeDistance(self.geometry, self.data, k)  # for meshes faster than a margin
         return bool(result.min_distance < self.required[k])
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
-    """Search configurations from start to goal with free straight paths between them; None where none were found.
+    """Search configurations from start to goal with free straight paths between them. None on failure.
 
     Returns
     -------
@@ -305,7 +304,7 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
 
 
 def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
-    """Yield the straight path, and the paths that move one arm after the other."""
+    """Yield the straight path, and those moving one arm at a time."""
     yield np.stack([start, goal])
     for arm in room.arms if len(room.arms) > 1 else ():
         between = start.copy()
@@ -314,7 +313,7 @@ def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
 
 
 def _corners(path: Array) -> list[int]:
-    """Return the indices of both ends and of the configurations at which the path turns."""
+    """Return the indices of both ends and all turns of a path."""
     kept = [0]
     for k in range(1, len(path) - 1):
         before, after = path[k] - path[kept[-1]], path[k + 1] - path[k]

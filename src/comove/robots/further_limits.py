@@ -32,7 +32,7 @@ SOFT = {"soft_lower": "soft_lower_limit", "soft_upper": "soft_upper_limit"}  # b
 
 @dataclass(frozen=True)
 class FurtherLimits:
-    """Limits of a joint that Pinocchio does not read [rad, m for prismatic joints, s].
+    """Joint limits beyond Pinocchio's [rad, m for prismatic joints, s].
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class FurtherLimits:
 
 
 def further_limits(joint: ET.Element, name: str, given: JointLimits | None) -> FurtherLimits:
-    """Return the further limits of a joint; those of the description replace those of the URDF, key by key.
+    """Return the further limits of a joint. Those of the description replace those of the URDF, key by key.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def further_limits(joint: ET.Element, name: str, given: JointLimits | None) -> F
 def doubts_of_limits(
     joints: Mapping[str, ET.Element], limits: Mapping[str, FurtherLimits], given: Mapping[str, JointLimits]
 ) -> Iterator[str]:
-    """Yield warnings of soft limits that may not be what was meant.
+    """Yield warnings of soft limits that may be unintended.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def stated_limits(joint: ET.Element) -> dict[str, float | None]:
 
 
 def in_radians_or_metres(lower: float, upper: float, *, slides: bool) -> tuple[float, float] | None:
-    """Return limits that must be meant in degrees or millimetres in radians or metres; None for all others."""
+    """Convert limits apparently in degrees or millimetres; None for all others."""
     if max(abs(lower), abs(upper)) <= (LARGEST_STROKE if slides else LARGEST_TURN):
         return None
     factor = 1e-3 if slides else math.pi / 180.0
@@ -152,7 +152,7 @@ def _hard(joint: ET.Element) -> tuple[float, float]:
 
 
 def _rates(joint: ET.Element) -> dict[str, float]:
-    """Return the least acceleration and jerk that the attributes of a <limit> state."""
+    """Return the least acceleration and jerk that a <limit> states."""
     found: dict[str, float] = {}
     for limit in joint.findall("limit"):
         for attribute, text in limit.attrib.items():
@@ -163,7 +163,7 @@ def _rates(joint: ET.Element) -> dict[str, float]:
 
 
 def _soft(joint: ET.Element) -> dict[str, float]:
-    """Return the soft limits, where a joint has any, and its `k_position`."""
+    """Return the soft limits of a joint, if any, and its `k_position`."""
     safety = joint.find("safety_controller")
     if safety is None or joint.get("type") not in LIMITED or not set(SOFT.values()) & set(safety.attrib):
         return {}

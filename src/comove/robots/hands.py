@@ -1,6 +1,6 @@
-"""Hands that hold one payload: whether two of them collide by their grasps alone, whatever joints hold it.
+"""Collisions between the grippers of one payload by their grasps alone.
 
-The links of a hand are rigid with its grasp frame, so where two hands are to each other follows from their grasps.
+The links of a gripper are rigid with its grasp frame, so the grasps determine the relative pose of two grippers.
 """
 
 from __future__ import annotations
@@ -58,14 +58,13 @@ def _hand_of(robot: Robot, name: str) -> _Hand:
 
 @lru_cache(maxsize=8)
 def _apart(robot: Robot) -> frozenset[frozenset[int]]:
-    """Return the pairs of links that may not touch."""
     return frozenset(map(frozenset, links_of(robot).pairs.tolist()))
 
 
 def collision_of_hands(
     robot: Robot, arms: tuple[Arm, ...], rotations: Array, points: Array, required: float
 ) -> tuple[str, str] | None:
-    """Return which two hands are too near to each other by their grasps, and what would do; None if none are.
+    """Return two grippers that collide by their grasps, and a remedy. None if no grippers do.
 
     Parameters
     ----------
@@ -91,7 +90,7 @@ def collision_of_hands(
 
 
 def _near(robot: Robot, first: _Hand, second: _Hand, frames: list[Any], required: float) -> str | None:
-    """Return the names of links of two hands that are too near at poses of their grasp frames; None if none are."""
+    """Return links of two grippers too near at their grasp frames; None if there are none."""
     one, two = (
         hand.centers @ frame.rotation.T + frame.translation
         for hand, frame in zip((first, second), frames, strict=True)

@@ -1,4 +1,4 @@
-"""Small problems of robots, which need all kernels that searches and executions of robots need."""
+"""Small robot problems, which need all kernels of searches and executions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STAND_IN: dict[str, Any] = {
 
 
 def load_robot_kernels(kind: SceneKind, *more: str) -> None:
-    """Wait until all kernels that are needed to solve scenes of a kind for robots are compiled, as `load_kernels`.
+    """Wait until the kernels for robots are compiled, as `load_kernels`.
 
     Parameters
     ----------

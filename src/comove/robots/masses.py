@@ -1,4 +1,4 @@
-"""Masses of links: what joints move, and guesses from collision bodies where a model states none.
+"""Masses of links that joints move, guessed from collision bodies if unknown.
 
 They are guessed only where nothing that a joint moves has a mass: models often give a link's mass to its neighbour.
 """
@@ -24,7 +24,7 @@ MAX_TOLD = 6
 
 
 def moved_masses(model: Any, without: float | Array = 0.0) -> Array:
-    """Return the masses that the joints of a model move; array, shape (n_joints + 1,), the universe first [kg].
+    """Return the masses that a model's joints move; array, shape (n_joints + 1,), the universe first [kg].
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def moved_masses(model: Any, without: float | Array = 0.0) -> Array:
 
 
 def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
-    """Return the mass of all links beyond the one that a joint moves [kg]: of the hand, if it is an arm's last."""
+    """Return the mass beyond the link that a joint moves [kg]. It is the gripper's for an arm's last joint."""
     for source in sources:
         ends = {each.get("name", ""): ends_of(each) for each in ET.fromstring(source.urdf).findall("joint")}
         if joint in ends:
@@ -54,7 +54,7 @@ def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
 
 
 def masses_of(urdf: str, links: Collection[str], model: Any) -> Array:
-    """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
+    """Return the masses of a URDF's links by moving joint; array, shape (n_joints + 1,) [kg]."""
     masses = np.zeros(model.njoints)
     for link, mass in _link_masses(urdf).items() if links else ():
         if link in links:
@@ -70,8 +70,7 @@ def _link_masses(urdf: str) -> dict[str, float]:
 
 
 def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Source, str | None]:
-    """Give masses to the links of joints that move none, and to those whose masses alone are known, in a model and
-    in its URDF.
+    """Add missing masses and inertias of links to model and URDF.
 
     Parameters
     ----------
@@ -119,7 +118,7 @@ def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Sour
 
 
 def _of_mass(inertia: Any, mass: float, link: str) -> Any:
-    """Return an inertia of the same shape that has a mass [kg]."""
+    """Scale an inertia to a mass [kg]."""
     if not inertia.mass > 0.0:
         raise RobotError(
             f"the bodies of '{link}' have no volume, over which its mass could be spread",
@@ -130,7 +129,7 @@ def _of_mass(inertia: Any, mass: float, link: str) -> Any:
 
 
 def _inertia(items: Iterable[Any], link: Any) -> Any:
-    """Return the inertia of collision bodies in the frame of their link, whose placement is given."""
+    """Return the inertia of collision bodies in their link's frame. The placement of the link is given."""
     total = pin.Inertia.Zero()
     for item in items:
         shape = item.geometry

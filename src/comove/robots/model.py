@@ -1,4 +1,4 @@
-"""Robot model built from a description: kinematics, limits and collision geometry, by Pinocchio."""
+"""Robot model built from a description by Pinocchio: kinematics, limits and collision geometry."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Arm:
     columns : array, shape (n_joints,), indices of the arm's joints in the robot's joint vector q
     tool : array, shape (4, 4), the grasp frame in the tip frame
     home : array, shape (n_joints,), joint positions at home [rad, m for prismatic joints]
-    fingers : names of joints that close on the load
+    fingers : names of joints that close on the payload
     payload : mass that it is rated for, infinite where none is stated [kg]
     hand : mass of the links beyond that of its last joint, which counts as payload [kg]
     """
@@ -73,7 +73,7 @@ _LOADED: WeakValueDictionary[tuple[Path, str], Robot] = WeakValueDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """One or several manipulators whose joints form one vector q, array of shape (n_joints,).
+    """One or several manipulators with one joint vector q, shape (n_joints,).
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Robot:
     lower, upper : position limits, soft ones included, arrays, shape (n_joints,) [rad, m for prismatic joints]
     velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad/s, rad/s^2, N m]
     jerk : likewise, infinite where none is stated [rad/s^3]
-    approach : array, shape (n_joints,), least time constant with which a joint approaches its position limits: q + \
+    approach : array, shape (n_joints,), least time constant with which a joint approaches its position limits: q +
         approach q' stays within them [s]; 0 where none is stated
     relief : array, shape (n_joints,), share of the torque due to the robot's own weight that springs hold
     sha256 : checksum of the description, the models and their collision meshes
@@ -110,14 +110,14 @@ class Robot:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Return the files that the robot was read from, without what is installed with packages."""
+        """Return the robot's files without those of installed packages."""
         installed = [BUNDLED, *(Path(sysconfig.get_paths()[kind]) for kind in ("purelib", "platlib"))]
         read = dict.fromkeys(path for source in self.sources for path in source.files)
         return tuple(path for path in read if not any(path.is_relative_to(place) for place in installed))
 
     @classmethod
     def load(cls, robot: str | Path, folder: Path | None = None) -> Robot:
-        """Load a robot by the name of a bundled description or the path of one.
+        """Load a robot by the name or path of its description.
 
         Raises
         ------
@@ -165,12 +165,12 @@ class Robot:
         )
 
     def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
-        """Return the number of the joint that moves a grasp frame, and its placement in that as SE3."""
+        """Return the joint that moves a grasp frame, and the placement there. It is an SE3."""
         tip = self.model.frames[self.model.getFrameId(arm.tip)]
         return tip.parentJoint, tip.placement * pin.SE3(arm.tool)
 
     def gripper_links(self, arm: Arm) -> frozenset[str]:
-        """Return the names of the links of the gripper that the description gives to an arm."""
+        """Return the link names of an arm's gripper in the description."""
         links = {link for source in self.sources for link in source.gripper_links}
         joint, _ = self.grasp_frame(arm)
         frames = (
@@ -199,7 +199,7 @@ class Robot:
 
     @cached_property
     def joints_above(self) -> dict[str, tuple[str, str, bool]]:
-        """Return by link the joint above it, the link above that, and whether the joint could move."""
+        """Return each link's parent joint, parent link and whether the joint moves."""
         joints = (joint for source in self.sources for joint in ET.fromstring(source.urdf).findall("joint"))
         ends = ((joint.get("name", ""), *ends_of(joint), joint.get("type") != "fixed") for joint in joints)
         return {child: (name, parent, moves) for name, parent, child, moves in ends}
@@ -210,7 +210,7 @@ class Robot:
 
 
 def assembled(description: RobotFile, file: Path) -> Robot:
-    """Return the robot of a description; paths in it are relative to `file`, which errors name."""
+    """Return the robot of a description. Its paths are relative to `file`, which errors name."""
     digest = hashlib.sha256(description.model_dump_json().encode())
     sources = tuple(read_source(source, description, file, digest) for source in description.models)
     if any(arm.gripper is not None for arm in description.arms.values()):
@@ -235,7 +235,7 @@ def assembled(description: RobotFile, file: Path) -> Robot:
 
 
 def _require_grippers_apart(robot: Robot) -> None:
-    """Refuse grippers that touch their own arm at home."""
+    """Reject grippers that touch their own arm at home."""
     if not any(source.gripper_links for source in robot.sources):
         return
     geometry, model = robot.collision.copy(), robot.model
@@ -267,7 +267,7 @@ def _require_grippers_apart(robot: Robot) -> None:
 
 
 def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
-    """Build all models as one on their bases, with masses that were guessed in the sources."""
+    """Build all models as one on their bases, with guessed masses."""
     with tempfile.TemporaryDirectory() as folder:
         loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
         sources, models, geometries = zip(
@@ -290,7 +290,7 @@ def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
 
 
 def _check_poses(description: RobotFile, free: list[str]) -> None:
-    """Refuse poses of joints that neither float nor are planar, and single values of those that do."""
+    """Reject poses of joints with one value, and values of others. Only floating and planar joints have poses."""
     _require_known(description.poses or {}, free, "poses", "floating or planar joint")
     for key in ("posture", "limits", "springs"):
         for name in getattr(description, key):
@@ -313,9 +313,9 @@ def _apply_soft_limits(model: Any, further: Mapping[str, FurtherLimits]) -> None
 
 
 def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]:
-    """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder.
+    """Build the model and its collision geometry with pairs that can collide.
 
-    The source is returned as well, with masses that were guessed.
+    Meshes pass through a folder. The source is returned as well, with guessed masses.
     """
     failure: Exception | None = None
     with errors_of_reader() as errors:
@@ -343,7 +343,7 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]
 
 
 def _tell_frames_apart(model: Any) -> None:
-    """Rename the frames of joints that are called like a link: frames are looked up by their names alone."""
+    """Rename frames of joints that share a link's name. Frames are found by name alone."""
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
         if frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT) and frame.name in links:
@@ -356,13 +356,13 @@ def frame_of_joint(model: Any, name: str) -> int:
 
 
 def _reason(error: Exception) -> str:
-    """Return the reason that Pinocchio or coal gives for an error, without the place in their code."""
+    """Return an error's reason by Pinocchio or coal, without code locations."""
     text = str(error).partition("message: ")[2] or str(error)
     return ", ".join(text.partition("\nHint")[0].split("\n")).strip(" ,.") or type(error).__name__
 
 
 def _check_bodies(geometry: Any) -> None:
-    """Refuse collision bodies of impossible size."""
+    """Reject collision bodies of impossible size."""
     for item in geometry.geometryObjects:
         item.geometry.computeLocalAABB()
         radius = item.geometry.aabb_radius
@@ -374,7 +374,7 @@ def _check_bodies(geometry: Any) -> None:
 
 
 def _compare(model: Any, geometry: Any, srdf: Srdf) -> None:
-    """Compare all pairs of bodies but neighbours, which touch, and those that the SRDF leaves out."""
+    """Set the collision pairs: all but neighbours and those that the SRDF disables."""
     items = list(geometry.geometryObjects)
     joints = np.array([item.parentJoint for item in items], dtype=int)
     parents = np.array(model.parents)[joints]
@@ -420,13 +420,13 @@ def _require_known(named: Iterable[str], known: list[str], key: str, kind: str =
 
 
 def _near(name: str, names: list[str], most: int = 30) -> str:
-    """Return the most similar names, and all names where there are at most `most`."""
+    """Return the most similar names, or up to `most` names in all."""
     guess, known, listed = near_name(name, names).partition("known: ")
     return guess + (known + listed if len(names) <= most else f"{len(names)} are known")
 
 
 def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
-    """List the joints of each arm from its base to its tip, without those that `posture` holds."""
+    """List each arm's joints from base to tip, except posture joints."""
     chains: dict[str, list[str]] = {}
     for name, arm in description.arms.items():
         tip = _frame(model, arm.tip, f"arms.{name}.tip")
@@ -458,7 +458,7 @@ def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
 
 
 def _frame(model: Any, name: str, key: str) -> Any:
-    """Return the frame called `name`; of a link and a joint that are both called so, the link's."""
+    """Return the frame called `name`. A link precedes a joint of the same name."""
     if model.existFrame(name):
         return model.frames[model.getFrameId(name)]
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
@@ -472,7 +472,7 @@ def _with_posture(
     chains: dict[str, list[str]],
     states: Sequence[GroupState],
 ) -> RobotFile:
-    """Complete the posture by group states, by <mimic>, and by the values nearest to 0."""
+    """Complete the posture by group states, <mimic>, and values nearest to 0."""
     moving = {joint for chain in chains.values() for joint in chain}
     posture: dict[str, float] = {}
     for state in description.states or ():
@@ -511,7 +511,7 @@ def _with_posture(
 
 
 def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Array:
-    """Return the configuration, as Pinocchio writes it, in which the joints that do not move are locked."""
+    """Return Pinocchio's configuration of the locked joints."""
     q = pin.neutral(model)
     for name, value in description.posture.items():
         joint = model.joints[model.getJointId(name)]
@@ -539,13 +539,13 @@ def _nearest_to_zero(model: Any, name: str) -> float:
 
 
 def _near_zero_text(model: Any, name: str) -> str:
-    """Return the value nearest to 0 within the limits of a joint, in as many digits as it takes."""
+    """Return a joint's value nearest to 0 in all needed digits."""
     value = _nearest_to_zero(model, name)
     return f"{value:g}" if float(f"{value:g}") == value else repr(value)
 
 
 def _range(model: Any, joint: Any) -> tuple[float, float]:
-    """Return the limits of a joint that does not move, the lower one first: nothing depends on their order."""
+    """Return a locked joint's limits in ascending order."""
     ends = (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
     return float(min(ends)), float(max(ends))
 
@@ -626,12 +626,11 @@ def _limits(
 
 
 def _or(default: float, values: list[float | None]) -> Array:
-    """Return values, with a default where there is none; array, shape (n_joints,)."""
     return np.array([default if value is None else value for value in values])
 
 
 def _check_units(name: str, lower: float, upper: float, slides: bool) -> None:
-    """Refuse position limits that must be meant in degrees or millimetres."""
+    """Reject position limits apparently in degrees or millimetres."""
     if (right := in_radians_or_metres(lower, upper, slides=slides)) is not None:
         unit, other = ("m", "millimetres") if slides else ("rad", "degrees")
         raise RobotError(
@@ -703,7 +702,7 @@ def _of_state(state: str, chain: list[str], states: Sequence[GroupState], key: s
 
 
 def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
-    """Return whether a body can have an inertia, up to rounding; negative moments are told elsewhere."""
+    """Return whether a body can have an inertia, up to rounding. Other messages name negative moments."""
     moments = np.linalg.eigvalsh(np.array(inertia.inertia))
     least = 1e-9 * inertia.mass  # kg m^2, of a body a few hundredths of a millimetre wide
     return (
@@ -713,7 +712,7 @@ def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
 
 
 def _gaps(robot: Robot) -> Iterator[str]:
-    """Yield what is not known of arms whose models have no collision bodies or no masses, in words."""
+    """Yield messages of missing collision bodies and masses of arms."""
     grippers = {link for source in robot.sources for link in source.gripper_links}
     bodies = {
         item.parentJoint

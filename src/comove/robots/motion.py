@@ -1,5 +1,4 @@
-"""Joint motions: one C2 curve through exact samples, its extremes at every instant, bounds of it over any time, and
-commands of it for every cycle of a controller.
+"""Joint motions: C2 curves through samples, their extremes, bounds and commands.
 
 Between two samples a joint follows a cubic: its position is extreme at a sample or at a root of a quadratic, its
 velocity at a sample or at the vertex of a parabola, and its acceleration at a sample.
@@ -31,7 +30,7 @@ class JointMotion:
     """Joint positions at samples, and the clamped cubic spline through them.
 
     The spline is also the cubic Hermite curve through `position` and `velocity`, so a trajectory controller that
-    interpolates in this way executes the curve that was verified. Its acceleration is linear between samples.
+    interpolates in this way executes the verified curve. Its acceleration is linear between samples.
 
     Attributes
     ----------
@@ -48,7 +47,7 @@ class JointMotion:
 
     @cached_property
     def curve(self) -> CubicSpline:
-        """Return the spline of position by time [s], at rest at both ends."""
+        """Return the spline of position by time [s], clamped at rest."""
         return CubicSpline(self.time, self.position, bc_type="clamped")
 
     @cached_property
@@ -71,7 +70,7 @@ class JointMotion:
         return self.curve(time), self.curve(time, 1), self.curve(time, 2)
 
     def stretched(self, duration: float) -> JointMotion:
-        """Return the same path at a pace scaled by one factor, to another duration [s]."""
+        """Return the same path with time scaled to another duration [s]."""
         return JointMotion(self.time * (duration / self.duration), self.joint_names, self.position)
 
     def largest(self) -> tuple[Array, Array]:
@@ -95,7 +94,7 @@ class JointCommand(NamedTuple):
 
 
 class Extreme(NamedTuple):
-    """An extreme value, the column of the joint that has it, and its time [s]."""
+    """An extreme value, the column of its joint, and its time [s]."""
 
     value: float
     joint: int
@@ -110,7 +109,7 @@ class Extreme(NamedTuple):
 
 
 def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
-    """Compute the least distance of a joint from its limits, negative beyond them [rad, m for prismatic joints].
+    """Compute the joints' least margin to limits [rad, m for prismatic joints]. It is negative beyond them.
 
     Parameters
     ----------
@@ -123,18 +122,18 @@ def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
 
 
 def largest_velocity(curve: PPoly, limit: Array) -> Extreme:
-    """Compute the largest share of its velocity limit, array of shape (n_joints,), that a joint uses."""
+    """Compute the largest share of a joint's velocity limit, shape (n_joints,)."""
     speed, time = fastest(curve)
     return Extreme.largest(speed / limit, time)
 
 
 def largest_acceleration(curve: PPoly, limit: Array) -> Extreme:
-    """Compute the largest share of its acceleration limit, array of shape (n_joints,), that a joint uses."""
+    """Compute the largest share of a joint's acceleration limit, shape (n_joints,)."""
     return Extreme.largest(np.abs(curve(curve.x, 2)) / limit, curve.x)
 
 
 def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) -> Extreme:
-    """Compute the largest share of the velocity with which joints may approach their position limits.
+    """Compute the largest share of the joints' approach velocities at position limits.
 
     A joint at q, with the time constant T and the limit b before it, may move at (b - q)/T. The largest share, at any
     instant, is found as Dinkelbach's method finds the largest quotient: the exact extreme of T q' - share (b - q)
@@ -157,7 +156,7 @@ def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) 
 def _fastest_approach(
     c: Array, x: Array, approach: Array, lower: Array, upper: Array
 ) -> tuple[float, int, float]:
-    """Return what `largest_approach` does."""
+    """Compute `largest_approach` in a kernel."""
     worst, joint, when, s = 0.0, 0, x[0], np.empty(4)
     for _ in range(100):
         found, at, time = 0.0, 0, x[0]
@@ -198,20 +197,20 @@ def _fastest_approach(
 
 @kernel
 def _roots(a: float, b: float, c: float, width: float) -> tuple[float, float]:
-    """Return the roots of a s^2 + 2 b s + c from 0 to `width`, without cancellation; any numbers there are none."""
+    """Return a quadratic's roots in [0, width]; any numbers without roots. It is a s^2 + 2 b s + c."""
     q = -(b + np.copysign(sqrt(max(b * b - a * c, 0.0)), b))
     return _within(q, a, width), _within(c, q, width)
 
 
 @kernel
 def _within(numerator: float, denominator: float, width: float) -> float:
-    """Return a quotient, moved to the range from 0 to `width`; 0 where it is not finite."""
+    """Return a quotient, clipped to 0 and `width`. It is 0 where it is not finite."""
     quotient = numerator / denominator
     return min(max(quotient, 0.0), width) if np.isfinite(quotient) else 0.0
 
 
 def approach_shares(position: Array, velocity: Array, approach: Array, lower: Array, upper: Array) -> Array:
-    """Compute shares of the velocities with which joints may approach their limits; arrays, shape (..., n_joints).
+    """Compute shares of the joints' approach velocities at limits; arrays, shape (..., n_joints).
 
     Parameters
     ----------
@@ -226,7 +225,7 @@ def approach_shares(position: Array, velocity: Array, approach: Array, lower: Ar
 
 
 def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
-    """Compute the largest share of its jerk limit, array of shape (n_joints,), that a joint uses.
+    """Compute the largest share of a joint's jerk limit, shape (n_joints,).
 
     Between samples jerk is constant. At both ends the robot is at rest: an acceleration there counts as one that is
     reached within the time between two samples.
@@ -244,7 +243,7 @@ def fastest(curve: PPoly) -> tuple[Array, Array]:
 
 @kernel
 def _fastest(c: Array, x: Array) -> tuple[Array, Array]:
-    """Return what `fastest` does."""
+    """Compute `fastest` in a kernel."""
     speed, when = np.empty((c.shape[1], c.shape[2])), np.empty((c.shape[1], c.shape[2]))
     for i in range(c.shape[1]):
         width = x[i + 1] - x[i]
@@ -259,13 +258,13 @@ def _fastest(c: Array, x: Array) -> tuple[Array, Array]:
 
 
 def places(curve: PPoly) -> tuple[Array, Array]:
-    """Compute times and positions at the samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
+    """Compute times and positions of samples and of stops; arrays, shape (n_places, n_joints)."""
     return _places(curve.c, np.array(curve.x))
 
 
 @kernel
 def _places(c: Array, x: Array) -> tuple[Array, Array]:
-    """Return what `places` does."""
+    """Compute `places` in a kernel."""
     n = c.shape[1]
     time, position = np.empty((3 * n + 1, c.shape[2])), np.empty((3 * n + 1, c.shape[2]))
     for k in range(c.shape[2]):
@@ -283,7 +282,7 @@ def _places(c: Array, x: Array) -> tuple[Array, Array]:
 
 
 def subdivided(samples: Array, parts: Integers) -> tuple[Array, Integers]:
-    """Divide the time between every two samples evenly into `parts`, an array of shape (n_intervals,).
+    """Divide the sample intervals evenly into `parts`, shape (n_intervals,).
 
     Returns
     -------
@@ -297,7 +296,7 @@ def subdivided(samples: Array, parts: Integers) -> tuple[Array, Integers]:
 
 
 class Ranges(NamedTuple):
-    """Bounds by time, of which the largest over any time interval is wanted.
+    """Bounds by time, with their largest value over any time interval.
 
     Attributes
     ----------
@@ -309,13 +308,13 @@ class Ranges(NamedTuple):
     bounds: Array
 
     def over(self, begin: Array, end: Array) -> Array:
-        """Return the largest values between `begin` and `end`, arrays of shape (k,) [s]; array, shape (k, width)."""
+        """Return the largest values between times, arrays of shape (k,) [s]; array, shape (k, width)."""
         return _largest(np.array(self.time), np.ascontiguousarray(self.bounds), begin, end)
 
 
 @kernel
 def _largest(time: Array, bounds: Array, begin: Array, end: Array) -> Array:
-    """Return what `Ranges.over` does."""
+    """Compute `Ranges.over` in a kernel."""
     result = np.empty((begin.shape[0], bounds.shape[1]))
     for k in range(begin.shape[0]):
         low, high = 0, bounds.shape[0] - 1
@@ -336,7 +335,7 @@ def _largest(time: Array, bounds: Array, begin: Array, end: Array) -> Array:
 
 
 def commands(joints: JointMotion, rate: float, columns: Integers) -> Iterator[JointCommand]:
-    """Return an iterator over the commands of some joints at a rate [Hz], from rest at the start to rest at the goal.
+    """Return an iterator over commands of joints at a rate [Hz]. It is from rest to rest.
 
     The last command is at the end of the motion, also where the cycles do not divide it.
 

@@ -1,7 +1,7 @@
-"""Grippers: models or shapes that a description fixes to the tips of arms, where a robot's URDF has none.
+"""Grippers: models or shapes that a description fixes to arm tips.
 
 A gripper's links and joints become part of the URDF of its arm, by a fixed joint at the tip. Search, verification,
-simulators and pictures take them for links like others. Its joints stay at the posture of the description.
+simulators and pictures treat them as links like others. Its joints stay at the posture of the description.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COLOUR = "0.35 0.37 0.4 1"
 def with_grippers(
     sources: tuple[Source, ...], description: RobotFile, file: Path, digest: Any
 ) -> tuple[Source, ...]:
-    """Return the models with the grippers of the description fixed to the tips of their arms.
+    """Return the models with the description's grippers fixed to their arms.
 
     Parameters
     ----------
@@ -75,17 +75,15 @@ def _read(name: str, gripper: GripperDescription, description: RobotFile, file: 
 
 
 def _prefix_of(name: str, gripper: GripperDescription) -> str:
-    """Return what is put before all names of the gripper of an arm."""
     return f"{name}_gripper_" if gripper.prefix is None else gripper.prefix
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """Return a name that is not taken."""
     return name if name not in taken else _free_name(f"{name}_", taken)
 
 
 def _tip_of(trees: Sequence[ET.Element], tip: str, key: str) -> tuple[int, str]:
-    """Return the number of the model that has a frame, and the link that the frame belongs to.
+    """Return the model that has a frame, by number, and its link.
 
     A joint's frame is that of the link which it moves.
     """
@@ -102,7 +100,7 @@ def _tip_of(trees: Sequence[ET.Element], tip: str, key: str) -> tuple[int, str]:
 
 
 def _tree_of(shapes: Sequence[GripperShape]) -> ET.Element:
-    """Return a URDF of one link that has the shapes for bodies."""
+    """Return a URDF of one link whose bodies are the shapes."""
     robot = ET.Element("robot", name="gripper")
     link = ET.SubElement(robot, "link", name=BODY)
     for shape in shapes:
@@ -118,7 +116,7 @@ def _tree_of(shapes: Sequence[GripperShape]) -> ET.Element:
 
 
 def _geometry(shape: GripperShape) -> Iterator[tuple[ET.Element, Any]]:
-    """Yield the elements of a shape that a URDF knows, and their placements; a capsule is three."""
+    """Yield the URDF elements of a shape, and their placements. A capsule has three."""
     place = pin.SE3(Placement(position=shape.center, quaternion_wxyz=shape.quaternion_wxyz).homogeneous)
     radius, length = repr(shape.radius), repr(shape.height or shape.length)
     if shape.shape == "box":
@@ -136,7 +134,7 @@ def _geometry(shape: GripperShape) -> Iterator[tuple[ET.Element, Any]]:
 
 
 def _write_place(element: ET.Element, place: Any) -> None:
-    """Add where a joint or a body is to its element of a URDF."""
+    """Add the place of a joint or body to its URDF element."""
     xyz, rpy = (
         " ".join(map(repr, values.tolist()))
         for values in (place.translation, pin.rpy.matrixToRpy(place.rotation))

@@ -1,4 +1,4 @@
-"""Present joints: where a robot is before it approaches a grasp, read and checked."""
+"""Present joints: a robot's joints before its approach, read and checked."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ def read_present(file: Path, robot: Robot) -> dict[str, float]:
 
 
 def stored_present(folder: str | Path, robot: Robot) -> Array | None:
-    """Return the joints at which an approach to a stored motion begins, as its summary says; None for home.
+    """Return the joints before the approach of a stored motion. None stands for home.
 
     Raises
     ------
     ResultError, RobotError
-        If the summary cannot be read, or tells of joints that are not the robot's.
+        If the summary cannot be read, or has joints that are not the robot's.
     """
     file = Path(folder) / JOINTS.summary
     told = read_json(file, JOINTS.hint).get("present")
@@ -84,7 +84,7 @@ def present_joints(given: Joints | None, robot: Robot, key: str = "present") -> 
     Parameters
     ----------
     given : a value for each moving joint of the robot [rad, m]
-    key : name of what is given, for messages
+    key : name of the argument, for messages
 
     Returns
     -------
@@ -131,7 +131,7 @@ def _number(value: Any, key: str, name: str) -> float:
 
 
 def _within_limits(robot: Robot, column: int, value: float, key: str) -> float:
-    """Return a joint's value, which is refused outside its limits."""
+    """Return a joint's value; reject one outside its limits."""
     lower, upper, name = float(robot.lower[column]), float(robot.upper[column]), robot.joint_names[column]
     if lower <= value <= upper:
         return value
@@ -147,7 +147,7 @@ def _within_limits(robot: Robot, column: int, value: float, key: str) -> float:
 
 
 def _require_locked_ones(given: Mapping[str, Any], robot: Robot, key: str) -> None:
-    """Refuse joints that the robot lacks, and those that its posture locks elsewhere, but for grippers' joints."""
+    """Reject unknown joints, and locked ones elsewhere, except in grippers."""
     posture, model = robot.description.posture, robot.model
     in_grippers = beyond_wrists(robot, robot.arms)
     for name, value in given.items():

@@ -1,8 +1,8 @@
-"""Paths of end effectors from recordings of a robot's joints, by forward kinematics.
+"""End-effector paths from recordings of a robot's joints, by forward kinematics.
 
 A recording's joints are found by their names: the same as in the description, or the same words at the end
-(`joint1` for `panda_joint1`, `shoulder_pan.pos` for `left_shoulder_pan`). Joints that the recording does not name are
-taken in the order of the arm.
+(`joint1` for `panda_joint1`, `shoulder_pan.pos` for `left_shoulder_pan`). Joints without names in the recording are
+those of the arm in order.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _IDLE_WORDS = ("joint", "pos", "position", "q", "angle", "state")
 
 
 def end_effector_path(recording: Demonstration, robot: Robot, arm: str | None = None) -> Demonstration:
-    """Return the path of an arm's grasp frame, in the frame of the robot's description.
+    """Return the path of an arm's grasp frame, in the robot's frame.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def end_effector_path(recording: Demonstration, robot: Robot, arm: str | None = 
 
 
 def _arm_of(recording: Demonstration, robot: Robot, arm: str | None) -> tuple[Arm, list[int]]:
-    """Return the arm that was recorded, and the columns of its joints in the recording."""
+    """Return the recorded arm, and its joints' columns in the recording."""
     arms = robot.arms if arm is None else (robot.arm(arm),)
     found = {
         one.name: _columns_of(recording.axes, [robot.joint_names[c] for c in one.columns]) for one in arms
@@ -113,7 +113,7 @@ def _arm_of(recording: Demonstration, robot: Robot, arm: str | None) -> tuple[Ar
 
 
 def _columns_of(axes: Sequence[str], joints: Sequence[str]) -> list[int | None]:
-    """Return the column of each joint in a recording; None where there is none, or several could be meant."""
+    """Return each joint's column in a recording. None for no match, or several."""
     if all(map(_UNNAMED.fullmatch, axes)) and len(axes) >= len(joints) and not set(axes) & set(joints):
         return list(range(len(joints)))
     words = [_words(axis) for axis in axes]
@@ -137,7 +137,7 @@ def _words(name: str) -> list[str]:
 
 
 def _require_held(recording: Demonstration, robot: Robot, arm: Arm) -> None:
-    """Raise if a joint below the arm moves in the recording, which the description holds still."""
+    """Raise if a recorded joint below the arm leaves its posture."""
     for joint in _supports(robot, arm.tip):
         held = robot.description.posture.get(joint)
         if held is None or joint not in recording.axes:
@@ -153,7 +153,7 @@ def _require_held(recording: Demonstration, robot: Robot, arm: Arm) -> None:
 
 
 def _supports(robot: Robot, tip: str) -> list[str]:
-    """Return the names of the joints between a frame and the base of its model."""
+    """Return the names of joints between a frame and its base."""
     above, found = robot.joints_above, list[str]()
     moved = {name: link for link, (name, *_) in above.items()}
     link = tip if tip in above else moved.get(tip.removesuffix(OF_JOINT), tip)

@@ -1,4 +1,4 @@
-"""The procedure by which a robot solves a scene, and its joint motion as a part of the solution."""
+"""The procedure by which a robot solves a scene, and joint solutions."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ AT_LEISURE = 30.0  # s, in which arms can follow any path, where the duration is
 
 @dataclass(frozen=True, eq=False)
 class JointSolution:
-    """The joints that carry out the motion of a `Solution`.
+    """The joints that execute the motion of a `Solution`.
 
     Attributes
     ----------
-    robot : the robot that carries
-    attempt : the verified joint motion, or the one that comes nearest to a verified one
+    robot : the robot
+    attempt : the verified joint motion, or the one nearest to a verified one
     verdict : result of the verification of `attempt`
-    transfers : approach and release, where they were asked for and found
-    without : reasons why one that was asked for was not found
+    transfers : approach and release, where requested and found
+    without : reasons why a requested one was not found
     present : array, shape (n_joints,), joints at which an approach begins; None for home
     """
 
@@ -73,7 +73,7 @@ class JointSolution:
 
     @property
     def motion(self) -> VerifiedJointMotion | None:
-        """Return the verified joint motion; None where none was found."""
+        """Return the verified joint motion; None if there is none."""
         return self.verdict.verified
 
     @property
@@ -88,14 +88,14 @@ class JointSolution:
 
 
 def check_robot(scene: Scene, robot: Robot, method: Method | None, planner: bool, obstacles: str) -> None:
-    """Refuse, before anything is compiled, a scene that a robot cannot carry, and options of free end effectors.
+    """Reject scenes without payload and options of free end effectors. Nothing is compiled before.
 
     Raises
     ------
     OptionError
         If it is an option.
     SceneError, RobotError
-        If the robot has no such arms, or the scene nothing that arms carry.
+        If the robot has no such arms, or the scene no payload.
     """
     way_out = "leave it out, or solve the end effectors alone"
     if method is not None and method.name in METHODS and not METHODS[method.name].serves_robots:
@@ -116,12 +116,12 @@ def check_robot(scene: Scene, robot: Robot, method: Method | None, planner: bool
 
 
 def require_carried(robot: Robot, scene: Scene) -> None:
-    """Refuse a scene that a robot cannot carry, whichever of its grasps is taken.
+    """Reject a scene that a robot cannot solve by any grasp.
 
     Raises
     ------
     SceneError, RobotError
-        If the robot has no such arms, or the scene nothing that arms carry; of the likeliest grasps.
+        If the robot has no such arms, or the scene no payload; for the likeliest grasps.
     """
     first: SceneError | RobotError | None = None
     for choice in scene.alternatives:
@@ -147,7 +147,7 @@ def solved_by_robot(
     found: Callable[[VerifiedJointMotion], None] | None = None,
     **wanted: Any,
 ) -> Procedure:
-    """Solve a scene by a robot, as `comove.solve` says; `wanted` are further arguments of `problem_of`."""
+    """Solve a scene by a robot, as `comove.solve`; `wanted` are further arguments of `problem_of`."""
     if begin is not None and (approach or present is not None):
         raise OptionError(
             "the robot holds the load already, and would approach it",
@@ -168,13 +168,13 @@ def solved_by_robot(
 
 
 def solve_joints(scene: Scene, robot: Robot, **wanted: Any) -> Solution:
-    """Solve a scene by a robot, as `comove.solve` does, for packages that lie below that."""
+    """Solve a scene by a robot, for packages below `comove.solve`."""
     load_robot_kernels(SceneKind.of(scene))
     return perform(solved_by_robot(scene, robot, **wanted))
 
 
 def carry(scene: Scene, robot: Robot, **wanted: Any) -> Solution:
-    """Solve a scene by a robot; the former name of `comove.solve(scene, robot=robot)`."""
+    """Solve a scene by a robot. It is the former name of `comove.solve(scene, robot=robot)`."""
     warn("comove.robots.carry is now comove.solve(scene, robot=robot)", DeprecationWarning, stacklevel=2)
     return solve_joints(scene, robot, **wanted)
 
@@ -188,9 +188,9 @@ def _carried(
     carriers: dict[str, Any],
     tried: RobotCarrier | None = None,
 ) -> Procedure:
-    """Carry; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`.
+    """Solve; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`.
 
-    `tried` is a carrier whose ends are solved and clear, in another duration; None where there is none yet.
+    `tried` is a carrier whose ends are solved and clear, in another duration; None if there is none.
     """
     if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))
@@ -223,10 +223,10 @@ def _carried(
 def _with_transfers(
     search: Callable[[RobotCarrier, Budget], Procedure], carrier: RobotCarrier, budget: Budget
 ) -> Procedure:
-    """Carry, and plan approach and release as the carrier says.
+    """Solve, and plan the carrier's required approach and release.
 
-    Where there is none, other joints at that end are tried as long as the budget lasts. Of carries without one the
-    first is returned.
+    Without one, other joints at that end are tried as long as the budget lasts. Of solutions without one the first is
+    returned.
     """
     best: Solution | None = None
     before: Solution | None = None
@@ -264,7 +264,7 @@ def _in_time(
     carrier: RobotCarrier,
     budget: Budget,
 ) -> Procedure:
-    """Carry on a scene with one grasp, in its duration or as fast as possible; the carrier's scene is at leisure."""
+    """Solve with one grasp, in the scene's duration or the least. The carrier's scene has a long duration."""
     timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
     whole = budget.size
     if scene.moving.any():
@@ -302,7 +302,7 @@ def _in_time(
 def _among_moving(
     scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
 ) -> Procedure:
-    """Carry among obstacles that move: in the duration that is given, or the shortest found; nothing is stretched."""
+    """Solve among moving obstacles, in the given duration or the shortest found. No motion is stretched."""
     kept = _keeps_duration(scene, wanted["objective"])
     if kept and (least := least_possible(scene)) > scene.duration:
         raise SceneError(
@@ -319,12 +319,10 @@ def _among_moving(
 
 
 def _keeps_duration(scene: Scene, objective: Criterion | None) -> bool:
-    """Return whether a motion has to take the scene's duration."""
     return scene.is_timed and not (objective is not None and objective.is_time)
 
 
 def _first_duration(scene: Scene) -> float:
-    """Return the duration of a scene with moving obstacles, or the first one that is tried where it is open [s]."""
     return scene.duration if scene.is_timed else alone(scene.with_limits(), None)
 
 
@@ -336,10 +334,10 @@ def _by_some_grasp(
     method: Method | None,
     carriers: dict[str, Any],
 ) -> Procedure:
-    """Carry by the first of the scene's grasps by which it can be done, those first that turn the joints least.
+    """Solve by the scene's first feasible grasp, least joint rotations first.
 
-    Grasps that are out of reach, or by which bodies are too near at an end, are left out. Each of the others has half
-    of the work that is left, the last all of it.
+    Grasps out of reach, or with contacts at an end, are left out. Each of the others has half of the remaining work,
+    the last all of it.
     """
     begun, work = now(), 0.0
     with compiling() as compiled:
@@ -367,15 +365,15 @@ def _by_some_grasp(
 def _clear_ways(
     scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
 ) -> Iterator[tuple[Scene, RobotCarrier]]:
-    """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
+    """Yield grasps and placements that are clear at the ends, likeliest first.
 
-    With each comes what carries it, in some duration. Those come first by which more grasps hold the payload. Where
-    a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how far
-    joints turn.
+    Each has a carrier, in some duration. Those come first by which more grasps hold the payload. Where a
+    scene leaves many open, they are ranked by the reach of each arm, and the first few clear ones by their joint
+    rotations.
 
     Parameters
     ----------
-    kept : whether the duration is given; where it is open, nobody knows yet where moving obstacles are at the goal
+    kept : whether the duration is given; where it is open, moving obstacles' places at the goal are unknown
 
     Raises
     ------
@@ -427,7 +425,7 @@ def _clear_ways(
 
 
 def robot_method() -> Comove:
-    """Return the default method with fewer attempts: with arms to follow, a generation takes forty times as long."""
+    """Return the default method with fewer attempts. With arms, a generation is forty times as long."""
     return Comove(
         n_plans=2,
         n_failures=36,
@@ -444,14 +442,14 @@ def robot_method() -> Comove:
 def _searched(
     scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
 ) -> Procedure:
-    """Search a motion on `scene`, with the robot's constraints at the duration of the carrier's scene."""
+    """Search a motion on `scene`, with the robot's constraints. These are for the duration of the carrier's scene."""
     problem = problem_of(scene, method=method, budget=budget, kinematics=carrier, **wanted)
     solution = yield from solved(problem)
     return _with_joints(solution, carrier)
 
 
 def _with_joints(solution: Solution, carrier: RobotCarrier) -> Solution:
-    """Return a solution with the joints that carry it out."""
+    """Return a solution with the joints that execute it."""
     carrier = carrier.on(solution.scene) if carrier.scene.moving.any() else carrier
     joints = JointSolution(carrier.robot, *carrier.carried_out(solution.attempt))
     return replace(solution, joints=joints)

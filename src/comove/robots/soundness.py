@@ -1,4 +1,4 @@
-"""Checks of a URDF beyond those of Pinocchio: names, numbers and the tree of links must be sound."""
+"""Checks of a URDF beyond Pinocchio's: names, numbers and the tree."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ TAKEN = "universe"  # Pinocchio's own frame
 
 
 def require_sound(tree: ET.Element) -> None:
-    """Refuse a model that is meaningless or too large."""
+    """Reject a model that is meaningless or too large."""
     joints, links = tree.findall("./joint"), tree.findall("./link")
     for element in (*links, *joints):
         _require_name(element)
@@ -92,7 +92,7 @@ def local_name(name: str) -> str:
 
 
 def _check_numbers(owner: ET.Element, told: str) -> None:
-    """Refuse attributes without their count of numbers, and part these by blanks, as Pinocchio wants."""
+    """Reject attributes with a wrong count of numbers; separate these by blanks. Pinocchio requires it."""
     hints = {element for hint in owner.iter(HINTS) for element in hint.iter()}
     for element in (each for each in owner.iter() if each not in hints):
         for attribute, (count, unit) in NUMBERS[element.tag].items() if element.tag in WHOLE else ():
@@ -118,7 +118,7 @@ def _are_numbers(parts: list[str], count: int) -> bool:
 
 
 def _correction(attribute: str, text: str, count: int, unit: str) -> str:
-    """Return what to write in place of a text that does not hold some numbers."""
+    """Return the correction of a text that should hold some numbers."""
     if "$" in text:
         return "expand the xacro first: xacro FILE > robot.urdf"
     plain = text.translate(_MINUS)
@@ -158,7 +158,7 @@ def _check_axis(joint: ET.Element, name: str) -> None:
 
 
 def _check_mimics(joints: list[ET.Element]) -> None:
-    """Refuse joints that mimic each other in a circle."""
+    """Reject joints that mimic each other in a circle."""
     follows = {
         joint.get("name"): {mimic.get("joint")} for joint in joints for mimic in joint.findall("mimic")
     }
@@ -186,7 +186,7 @@ def _check_link(link: ET.Element, told: str) -> None:
 
 
 def _check_place(element: ET.Element, told: str) -> None:
-    """Refuse origins that are too far away, or turned by impossible angles."""
+    """Reject origins that are too far away, or turned by impossible angles."""
     origin = element.find("origin")
     if origin is None:
         return
@@ -197,7 +197,7 @@ def _check_place(element: ET.Element, told: str) -> None:
 
 
 def _check_inertia(inertial: ET.Element, told: str) -> None:
-    """Refuse masses and moments of inertia that are missing, or of impossible size."""
+    """Reject masses and moments of inertia that are missing or impossible."""
     mass = inertial.find("mass")
     for tag in ("mass", "inertia"):
         if inertial.find(tag) is None:
@@ -230,7 +230,7 @@ def _listed(moments: Array) -> str:
 
 
 def doubts(tree: ET.Element) -> Iterator[str]:
-    """Yield warnings of values that no real robot has but published models contain."""
+    """Yield warnings of impossible values that published models contain."""
     # of the largest moment of inertia, and kg m^2, that the least may be below 0
     rounding, least = 1e-6, 1e-12
     for link in tree.findall("./link"):
@@ -244,7 +244,7 @@ def doubts(tree: ET.Element) -> Iterator[str]:
 
 
 def _check_shape(shape: ET.Element, told: str) -> None:
-    """Refuse sizes that are not positive; a mesh may be mirrored."""
+    """Reject sizes that are not positive. A mesh may be mirrored."""
     for key in ("size", "radius", "length", "scale"):
         values = [float(text) for text in shape.get(key, "").split()]
         if any(v == 0 or (v < 0 and key != "scale") for v in values):
@@ -265,13 +265,13 @@ def _check_sizes(tree: ET.Element) -> None:
 
 
 def ends_of(joint: ET.Element) -> tuple[str, str]:
-    """Return the links that a joint connects, the parent first; empty where it names none."""
+    """Return the links that a joint connects, the parent first. They are empty where it names none."""
     parent, child = (joint.find(tag) for tag in ("parent", "child"))
     return ("" if parent is None else parent.get("link", ""), "" if child is None else child.get("link", ""))
 
 
 def require_tree(tree: ET.Element) -> None:
-    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep."""
+    """Reject what is not one tree of links, and trees too deep. Joints connect two links each."""
     links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
     if not links:
         raise RobotError("it has no link", way_out="name a URDF with the links of a robot")
@@ -316,6 +316,6 @@ def require_tree(tree: ET.Element) -> None:
 
 
 def number(text: str) -> float | None:
-    """Return the finite number that a text holds as URDFs have it, or None."""
+    """Return the finite number that a URDF text holds, or None."""
     value = float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
     return value if math.isfinite(value) else None

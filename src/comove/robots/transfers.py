@@ -1,11 +1,11 @@
-"""Approach and release: the joint motions from where the robot is to the grasp before a carry, and home after it.
+"""Approach and release: the transit motions before and after a transfer motion.
 
 The *approach* leads from the present joints, home unless given, through free space to a place straight behind the
-grasp, then along the approach axis to the grasp, with open hands, and waits while these close. The *release* waits
-while the hands open, draws back along the axis and leads home. Every part is a minimum-jerk motion from rest to rest.
-Both are verified like the carry: limits and clearances are kept at every instant. The load lies at its start during
-the approach and at its goal during the release; hands may be near it on the straight part only. The motion of the
-open fingers is not verified.
+grasp, then along the approach axis to the grasp, with open grippers, and waits while these close. The *release* waits
+while the grippers open, draws back along the axis and leads home. Every part is a minimum-jerk motion from rest to
+rest. Both are verified like the transfer motion: limits and clearances are kept at every instant. The payload lies at
+its start during the approach and at its goal during the release; grippers may be near it on the straight part only.
+The motion of the open fingers is not verified.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ _VERIFIED = object()
 
 @dataclass(frozen=True)
 class TransferSettings:
-    """Settings of how approach and release are planned.
+    """Settings of the planning of approach and release.
 
     Attributes
     ----------
-    height, grip_time : how far hands draw back [m], and in what time they close or open [s], if nobody says otherwise
-    shares : of the height, tried in turn where an arm or what is near leaves less
+    height, grip_time : default distance by which grippers draw back [m], and time in which they close or open [s]
+    shares : of the height, tried in turn where reach or contacts leave less
     straight_steps : configurations of the straight part, solved one after the other
     straight : iteration that solves them
     pace : share of the limits of joints that is used
-    hands_pace : likewise of the scene's limits of hands, which are looked at in samples
-    attempts : searches for a way; the last of them checks everything exactly
+    hands_pace : likewise of the scene's limits of end effectors, which are checked at samples
+    attempts : searches for a path; the last of them checks everything exactly
     """
 
     height: float = 0.08
@@ -71,15 +71,15 @@ SETTINGS = TransferSettings()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Transfers(Sealed):
-    """Approach and release of a carry, which passed every check. Only `plan_transfers` makes it.
+    """Approach and release, which passed every check. Only `plan_transfers` creates it.
 
     Attributes
     ----------
     carry : VerifiedJointMotion between approach and release
-    approach, release : JointMotion of all joints; None for one that was not asked for
-    grip_time : time in which hands close at the end of the approach, and open at the beginning of the release [s]
-    clearance_min : certified lower bound of the clearance on both [m], except of hands from the load on the straight
-        parts
+    approach, release : JointMotion of all joints; None for one that was not requested
+    grip_time : time in which grippers close at the end of the approach, and open at the beginning of the release [s]
+    clearance_min : certified lower bound of the clearance on both [m], except of grippers from the payload on the
+        straight parts
     """
 
     __repr__ = brief
@@ -109,25 +109,25 @@ def plan_transfers(
     grip_time: float = SETTINGS.grip_time,
     seed: int = 0,
 ) -> Transfers:
-    """Plan and verify the joint motions from the present joints to the grasp, and from there home.
+    """Plan and verify the motions from present joints to grasp, and home.
 
     Parameters
     ----------
     carry : verified motion of the robot between the two
     approach, release : whether each of them is planned
     present : joints at which the approach begins, by name or an array, shape (n_joints,) [rad, m]; home unless given
-    height : distance by which hands draw back straight from the load [m]; where they cannot, or come too near to
-        something, half of it is tried, then a quarter
-    grip_time : time in which hands close or open [s]
+    height : distance by which grippers draw back straight from the payload [m]; where they cannot, or are too near to
+        a body, half of it is tried, then a quarter
+    grip_time : time in which grippers close or open [s]
     seed : seed of the search
 
     Raises
     ------
     OptionError
         If `carry` is no verified motion of joints, `height` or `grip_time` is not positive and finite, or neither
-        approach nor release is wanted.
+        approach nor release is requested.
     RobotError
-        If a hand cannot draw back, or no path was found; the message names what is in the way.
+        If a gripper cannot draw back, or no path was found; the message names the obstacle.
     """
     if not isinstance(carry, VerifiedJointMotion):
         raise OptionError(
@@ -159,11 +159,11 @@ def possible_transfers(
     grip_time: float = SETTINGS.grip_time,
     seed: int = 0,
 ) -> tuple[Transfers | None, dict[str, RobotError]]:
-    """Plan those of approach and release that can be found; arguments as of `plan_transfers`.
+    """Plan the feasible ones of approach and release; arguments as of `plan_transfers`.
 
     Returns
     -------
-    Transfers, None where neither was found, and the errors of those that were not, by the end of the carry
+    Transfers, None where neither was found, and the errors of those that were not, by the end of the transfer motion
     """
     require_no_transfers(carry.scene, {"approach": approach, "release": release})
     grip_time, robot = _whole(grip_time), carry.robot
@@ -191,11 +191,11 @@ def possible_transfers(
 
 
 def require_no_transfers(scene: Scene, wanted: Mapping[str, bool]) -> None:
-    """Refuse approach and release among moving obstacles: the scene's times are those of the carry.
+    """Reject approach and release among moving obstacles. The scene's times are those of the transfer motion.
 
     Parameters
     ----------
-    wanted : whether each is asked for, by its name
+    wanted : whether each is requested, by its name
 
     Raises
     ------
@@ -213,12 +213,12 @@ def require_no_transfers(scene: Scene, wanted: Mapping[str, bool]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Retreat:
-    """The retreat of hands from the load at one end of a carry, and free space from there to other joints.
+    """The retreat of grippers at an end, and free space beyond.
 
     Attributes
     ----------
-    robot : robot whose hands draw back
-    carried : motion of the load
+    robot : robot whose grippers draw back
+    carried : motion of the payload
     end : "start" or "goal"
     other : array, shape (n_joints,), joints from which an approach comes, or to which a release leads [rad, m]
     height : as of `plan_transfers` [m]
@@ -232,12 +232,12 @@ class Retreat:
 
     @classmethod
     def on(cls, scene: Scene, robot: Robot, end: str, other: Array) -> Retreat:
-        """Return the retreat at an end of a scene, whatever motion leads to or from it."""
+        """Return the retreat at an end of a scene, for any motion."""
         return cls(robot, Carried.straight(scene), end, other)
 
     @property
     def scene(self) -> Scene:
-        """Return the scene of the carry."""
+        """Return the scene of the transfer motion."""
         return self.carried.motion.scene
 
     @property
@@ -247,17 +247,17 @@ class Retreat:
 
     @property
     def named(self) -> str:
-        """Return where the other joints are, in words."""
+        """Return a description of the other joints."""
         return "home" if (self.other == self.robot.home).all() else "the present joints"
 
     @cached_property
     def place(self) -> Array:
-        """Return the load's nodes at the end; array, shape (n_nodes, 3) [m]."""
+        """Return the payload's keypoints at the end; array, shape (n_nodes, 3) [m]."""
         return self.carried.nodes(np.array([0.0 if self.end == "start" else self.scene.duration]))[0]
 
     @cached_property
     def bodies(self) -> Bodies:
-        """Return all bodies, the load's at the end, and named so."""
+        """Return all bodies, the payload's at the end, and named so."""
         bases = Bases(self.robot, self.robot.description.uncertainty)
         where = self.carried.hands(self.carried.time).positions
         bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).placed_at(self.place)
@@ -267,7 +267,7 @@ class Retreat:
         return replace(bodies, bodies=tuple(named))
 
     def require_apart(self) -> None:
-        """Refuse other joints at which bodies of the robot and obstacles meet."""
+        """Reject other joints at which bodies of the robot and obstacles meet."""
         bodies = self.bodies.some(self.bodies.kind != LOAD)
         room = Room(bodies, self.robot.arms, -bodies.required[bodies.kind] - bodies.taken)
         if near := room.contact(self.other):
@@ -278,7 +278,7 @@ class Retreat:
             )
 
     def require_free_rest(self) -> None:
-        """Refuse other joints that are not free."""
+        """Reject other joints that are not free."""
         room = self._room(self.other)
         if near := room.contact(self.other):
             what, mend = "release", "give another home in the robot's description"
@@ -291,16 +291,16 @@ class Retreat:
             )
 
     def behind(self, grasp: Array) -> tuple[Array, Room]:
-        """Return the joints while the hands draw back straight, and the free space from there to the other joints.
+        """Return the joints of the straight retreat, and the free space beyond.
 
         Parameters
         ----------
-        grasp : array, shape (n_joints,), joints that hold the load at the end [rad, m]
+        grasp : array, shape (n_joints,), joints that hold the payload at the end [rad, m]
 
         Raises
         ------
         RobotError
-            If the joints behind the grasp are, whatever the height, not free or not reached.
+            If the joints behind the grasp are not free or not reached at any height.
         """
         error: RobotError | None = None
         for share in SETTINGS.shares:
@@ -332,7 +332,7 @@ def _anew(end: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """The load at rest where it lies; replaces `Carried` in the verifier's checks."""
+    """The payload at rest, which replaces `Carried` in the verifier's checks."""
 
     place: Array
 
@@ -347,9 +347,9 @@ class _Still:
 def _withdrawal(
     carry: VerifiedJointMotion, retreat: Retreat, grip_time: float, seed: int
 ) -> tuple[JointMotion, float]:
-    """Plan and verify the motion from the grasp to the other joints, after the hands had time to open.
+    """Plan and verify the motion from the grasp to the other joints.
 
-    Returns the motion, and a lower bound of its clearance [m].
+    Grippers have time to open first. Return the motion, and a lower bound of its clearance [m].
     """
     robot, scene, end = carry.robot, carry.scene, retreat.end
     retreat.require_free_rest()
@@ -377,7 +377,7 @@ def _withdrawal(
 
 
 def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: str) -> Array:
-    """Compute the joints while hands draw back straight, refused out of reach; array, (straight_steps, n_joints)."""
+    """Compute the joints of the straight retreat; array, (straight_steps, n_joints)."""
     how = SETTINGS
     rows = np.repeat(grasp[None], how.straight_steps, axis=0)
     for name in scene.file.holders:
@@ -399,7 +399,7 @@ def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: st
 
 
 def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
-    """Sample an evenly spaced path with minimum jerk, as fast as shares of the limits of joints and hands allow."""
+    """Sample a path with minimum jerk at shares of the limits. Joints and end effectors are limited."""
     curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
     s = np.linspace(0.0, 1.0, 201)
     unit = JointMotion(s, robot.joint_names, curve(minimum_jerk(s)))
@@ -446,7 +446,6 @@ def _unchanging(motion: JointMotion) -> JointMotion:
 
 
 def _whole(time: float) -> float:
-    """Round a time up to whole samples."""
     return np.ceil(time * SAMPLE_RATE - 1e-9) / SAMPLE_RATE
 
 
@@ -458,12 +457,12 @@ def _verified(
     everything: Bodies,
     still: _Still,
 ) -> tuple[list[str], float]:
-    """Return the reasons against a withdrawal, and a lower bound of its clearance [m].
+    """Return the reasons against a withdrawal, and a clearance bound [m].
 
     Parameters
     ----------
-    free_from : time from which hands must keep clear of the load, too [s]
-    everything : all pairs of bodies, those of hands and load among them
+    free_from : time from which grippers must keep clear of the payload, too [s]
+    everything : all pairs of bodies, those of grippers and payload among them
     """
     robot, curve = everything.robot, motion.curve
     in_hands = list(beyond_wrists(robot, (robot.arm(name) for name in scene.file.holders)))
@@ -483,6 +482,6 @@ def _verified(
 
 
 def _after(curve: PPoly, time: float) -> PPoly:
-    """Return the curve from the sample nearest to `time` on, with its time counted from there."""
+    """Return the curve from the sample nearest to `time` on. Its time starts at 0."""
     first = int(np.abs(curve.x - time).argmin())
     return PPoly(curve.c[:, first:], curve.x[first:] - curve.x[first])

@@ -1,9 +1,9 @@
-"""Reader of URDF models: finds, checks and prepares a model before Pinocchio builds it.
+"""Reader of URDF models: finds, checks and prepares models for Pinocchio.
 
 The description's limits and the prefix are written into the model, and floating and planar joints are fixed. Right
-angles of five digits, as many URDFs have them, are rounded where the description says so: an arm of five joints
-cannot make up for axes that are a hair askew. Pinocchio's reader skips what it does not understand, such as a body's
-shape, and at most prints a message on stderr; here that is an error (`comove.robots.soundness`). Collision meshes are
+angles of five digits, as many URDFs have them, are rounded on request of the description: an arm of five joints
+cannot compensate for axes that are slightly askew. Pinocchio's reader skips unknown elements, such as a body's shape,
+and at most prints a message on stderr; here that is an error (`comove.robots.soundness`). Collision meshes are
 read here, since Pinocchio's reader of meshes guesses or crashes on damaged files: Pinocchio gets checked triangles.
 """
 
@@ -57,7 +57,7 @@ class Source:
     urdf : text of the URDF, with the description's limits and prefix
     base : pose of its base in the scene
     file : path of the URDF
-    srdf : what its SRDF says
+    srdf : contents of its SRDF
     mimics : joints that follow others, by name
     limits : limits of joints that Pinocchio does not read, by name
     free : names of floating and planar joints, which are fixed in the text
@@ -83,7 +83,7 @@ class Source:
 
 
 def package_folders(file: Path) -> list[str]:
-    """Return the folders in which packages may be: beside the file, in ROS's paths, in installed data."""
+    """Return the folders of packages: beside the file, in ROS's paths, in installed data."""
     folders = [str(file.parent)]
     for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         found = os.environ.get(variable, "").split(os.pathsep)
@@ -101,7 +101,7 @@ def package_folders(file: Path) -> list[str]:
 
 
 def resolve(uri: str, file: Path) -> Path:
-    """Find the file that a URI in a description or a model refers to.
+    """Find the file of a URI in a description or model.
 
     ``package://NAME/`` is the package that contains the file itself, or one in a folder of packages; the path must
     stay inside the package.
@@ -141,12 +141,12 @@ def read_source(
     description : the description that names the model, with limits of joints and poses of those that float
     file : path of the description
     digest : hash object of hashlib, updated with everything that was read
-    fixed : whether floating and planar joints are refused, as of what is fixed to an arm
+    fixed : whether floating and planar joints are rejected, as in grippers
 
     Raises
     ------
     RobotError
-        If something is missing or cannot be used.
+        If a file is missing or cannot be used.
     """
     path = resolve(source.urdf, file)
     with errors_in(path):
@@ -164,7 +164,7 @@ def source_of(
     *,
     fixed: bool = False,
 ) -> Source:
-    """Return the model of a URDF's root element; as `read_source`, which reads it from `path`."""
+    """Return the model of a URDF's root element. See `read_source`, which reads it from `path`."""
     with errors_in(path):
         _prefix(source.prefix, tree)
         joints = {name: joint for joint in tree.findall("./joint") if (name := joint.get("name"))}
@@ -221,7 +221,7 @@ def source_of(
 
 
 def for_pinocchio(source: Source, folder: Path) -> str:
-    """Return the URDF reduced to what Pinocchio needs, and write the meshes of its bodies into a folder.
+    """Return the URDF reduced for Pinocchio, with meshes written into a folder.
 
     Files are named by their contents, so that a loader that remembers files loads equal meshes once.
     """
@@ -247,7 +247,7 @@ def for_pinocchio(source: Source, folder: Path) -> str:
 
 @contextmanager
 def errors_of_reader() -> Iterator[list[str]]:
-    """Collect the errors that Pinocchio's reader, which is written in C++, prints on the process's stderr."""
+    """Collect errors that Pinocchio's C++ reader prints on stderr."""
     errors: list[str] = []
     if sys.stderr is not None:
         sys.stderr.flush()
@@ -285,7 +285,7 @@ def _srdf(path: Path, urdf: ET.Element, prefix: str, digest: Any) -> Srdf:
 
 
 def drop_extensions(tree: ET.Element) -> None:
-    """Remove what is for other programs, whose names have a prefix, such as ``drake:proximity_properties``.
+    """Remove other programs' elements with a prefix, such as ``drake:proximity_properties``.
 
     Raises
     ------
@@ -310,7 +310,7 @@ def drop_extensions(tree: ET.Element) -> None:
 
 
 def _fix_free(joint: ET.Element, name: str, pose: Placement | None) -> Iterator[str]:
-    """Fix a floating or planar joint at a pose; yields a note where the description gives none."""
+    """Fix a floating or planar joint at a pose; yield a note without a given pose."""
     kind = joint.get("type", "")
     joint.set("type", "fixed")
     if pose is None:
@@ -347,13 +347,13 @@ def _listed(values: Any) -> str:
 
 
 def has_rounded_right_angles(tree: ET.Element) -> bool:
-    """Return whether angles of a URDF's joints are right angles but for rounding."""
+    """Return whether a URDF's joints have rounded right angles."""
     angles = [angle for origin in tree.findall("./joint/origin") for angle in origin.get("rpy", "").split()]
     return any(_whole(angle) != angle for angle in angles)
 
 
 def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
-    """Write the description's limits into a joint; a turning joint without limits becomes a limited one."""
+    """Write the description's limits into a joint. With limits, a continuous joint becomes a revolute one."""
     values = {} if given is None else given.model_dump(include=set(LIMITS), exclude_none=True)
     if not values:
         return
@@ -367,7 +367,7 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
 
 
 def _whole(text: str) -> str:
-    """Return an angle [rad] in full if it is right angles, rounded or cut; otherwise as it is written."""
+    """Return an angle [rad], in full if a rounded right angle."""
     value = number(text)
     if value is None:
         return text
@@ -389,7 +389,7 @@ def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:
 
 
 def _found(named: str, path: Path, file: Path) -> Path:
-    """Find the file that a URDF at `path` names; packages may also be beside the description `file`."""
+    """Find the file that a URDF at `path` names. Packages may also be beside the description `file`."""
     try:
         return resolve(named, path)
     except RobotError:

@@ -1,4 +1,4 @@
-"""A URDF of what stands around a robot, as obstacles of a scene."""
+"""A URDF of a robot's surroundings, as obstacles of a scene."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from comove.robots.urdf import drop_extensions, resolve
 
 
 def obstacles_in(path: Path) -> list[dict[str, Any]]:
-    """Return the collision bodies of a URDF as obstacles, at joints of 0; `file` is the path of a mesh.
+    """Return the collision bodies of a URDF as obstacles. Joints are at 0; `file` is the path of a mesh.
 
     Raises
     ------
     RobotError
-        If it cannot be read, or has a body that no obstacle can be.
+        If it cannot be read, or has a body that cannot be an obstacle.
     """
     with errors_in(path):
         tree = elements_in(path, URDF)
@@ -62,7 +62,7 @@ def _placed(link: str, parents: dict[str, tuple[str, Array]]) -> Array:
 
 
 def _obstacle(collision: ET.Element, link: str, pose: Array, path: Path) -> dict[str, Any]:
-    """Return a collision element of a link, whose pose is given, as an obstacle."""
+    """Return a collision element of a link at `pose` as an obstacle."""
     pose = pose @ _origin(collision)
     (shape,) = collision.findall("geometry/*")
     entry: dict[str, Any] = {"name": collision.get("name") or link, "center": pose[:3, 3]}

@@ -1,4 +1,4 @@
-"""The checks of a motion and the continuous-time certificate, independent of optimisers and planners."""
+"""Motion checks and the continuous-time certificate, independent of optimisers and planners."""
 
 from comove.verification.verify import Check, Report, Verdict, VerifiedMotion, verify
 

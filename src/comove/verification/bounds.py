@@ -2,14 +2,14 @@
 
 On an interval between two knots the second derivative of q is ``(P + Q t) exp(-omega t)``, fixed by its values at
 both ends: a line times a decay. Its norm is therefore at most the larger norm of the line at an end, and its
-derivatives are bounded likewise. Through the coordinates this bounds the derivatives of every node. Then, between two
-knots, a node stays within ``h^2/8 max|y''|`` of its chord, its velocity within ``h^2/8 max|y'''|`` of its chord, and
-its acceleration changes by at most ``h/2 max|y'''|`` from the nearer knot. No finite differences are used.
+derivatives are bounded likewise. Through the coordinates this bounds the derivatives of every keypoint. Then, between
+two knots, a keypoint stays within ``h^2/8 max|y''|`` of its chord, its velocity within ``h^2/8 max|y'''|`` of its
+chord, and its acceleration changes by at most ``h/2 max|y'''|`` from the nearer knot. No finite differences are used.
 
 The jerk of a limited motion is bounded more tightly. q has derivatives of every order, known at both ends of an
-interval; carried through the coordinates as truncated power series they give the jerk of every hand at both ends
-exactly. In between it is at most the larger of the two plus ``h^2/8`` times a bound of its second derivative. That
-bound is a majorant: a series with coefficients that no coefficient of the true one exceeds.
+interval; propagated through the coordinates as truncated power series they give the jerk of every end effector at
+both ends exactly. In between it is at most the larger of the two plus ``h^2/8`` times a bound of its second
+derivative. That bound is a majorant: a series with coefficients that no coefficient of the true one exceeds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SUBDIVISIONS = (1, 8, 64)  # of an interval, tried in turn where a bound alone b
 
 
 class NodeBounds(NamedTuple):
-    """Upper bounds of the nodes' derivatives on every interval, in unit duration.
+    """Upper bounds of the keypoints' derivatives on every interval, in unit duration.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class NodeBounds(NamedTuple):
 
 
 def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
-    """Return bounds of every node's derivatives; infinite where an orientation is not defined."""
+    """Return bounds of keypoints' derivatives. They are infinite where an orientation is not defined."""
     coordinates, knots = motion.coordinates, motion.knots
     shape = (N_INTERVALS, len(coordinates.blocks.node))
     acceleration, jerk = np.zeros(shape), np.zeros(shape)
@@ -62,14 +62,14 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
 
 
 def turn_jerk(motion: CoordinatedMotion, node: int) -> Array:
-    """Return bounds of the second derivative of a body's angular velocity; array, shape (n_intervals,).
+    """Bound the second derivative of a body's angular velocity; array, shape (n_intervals,).
 
     In unit duration. A body with the unit quaternion u has the angular velocity w = 2 u' conj(u), so that |w"| is at
     most 2 |u'''| + 6 |u'| |u"|, as the third derivative of a point at unit distance is.
 
     Parameters
     ----------
-    node : number of a node of the body
+    node : number of a keypoint of the body
     """
     part = next(part for part in motion.coordinates.parts if node in part.nodes)
     if part.kind == POINT:
@@ -78,7 +78,7 @@ def turn_jerk(motion: CoordinatedMotion, node: int) -> Array:
 
 
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
-    """Return an upper bound of the speed of every hand at every instant [m/s].
+    """Bound the speed of all end effectors from above [m/s].
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> fl
 
 
 def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: Array, limit: float) -> float:
-    """Return an upper bound of the acceleration of every hand at every instant [m/s^2].
+    """Bound the acceleration of all end effectors from above [m/s^2].
 
     It is tightened until it keeps `limit` or a sample breaks `limit`.
 
@@ -118,7 +118,7 @@ def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: A
 
 
 def largest_jerk(motion: CoordinatedMotion, jerk: Array) -> float:
-    """Return an upper bound of the jerk of every hand at every instant [m/s^3].
+    """Bound the jerk of all end effectors from above [m/s^3].
 
     Infinite where an orientation is not defined.
 
@@ -151,7 +151,7 @@ def largest_jerk(motion: CoordinatedMotion, jerk: Array) -> float:
 
 
 def largest_rates(motion: CoordinatedMotion) -> tuple[float, float, float]:
-    """Return upper bounds of the hands' speed, acceleration and jerk at every instant, as tight as possible.
+    """Bound the end effectors' speed, acceleration and jerk as tightly as possible.
 
     Returns
     -------
@@ -189,7 +189,7 @@ def lengths(vectors: Array) -> Array:
 
 
 def derivative_bounds(columns: Array, highest: int = 3) -> Array:
-    """Return upper bounds of the norms of the derivatives of a vector x on every interval, by their order.
+    """Bound the norms of a vector's derivatives on every interval, by order.
 
     The decay of the second derivative and its derivatives is at most 1, and its factor is a line, whose norm is
     largest at an end. The norm of x itself is not bounded (row 0 is 0).
@@ -216,12 +216,12 @@ def derivative_bounds(columns: Array, highest: int = 3) -> Array:
 
 
 def _slopes(columns: Array) -> Array:
-    """Return Q of every interval, array of shape (n_intervals, width)."""
+    """Return Q of every interval; array, shape (n_intervals, width)."""
     return (columns[2, 1:] * np.exp(OMEGA * INTERVAL) - columns[2, :-1]) / INTERVAL
 
 
 def turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
-    """Return bounds of the second and third derivative of a turning point at unit distance from the centre.
+    """Bound a turning point's second and third derivative at unit distance.
 
     With a1, a2, a3 the bounds of the derivatives of v divided by the least |v|, a unit vector u = v/|v| has
 
@@ -252,7 +252,7 @@ def turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
 
 
 def _series_at_ends(columns: Array) -> tuple[Array, Array]:
-    """Return the power series of q at the start and at the end of every interval.
+    """Return q's power series at both ends of every interval.
 
     Arrays, shape (4, n_intervals, width).
     """
@@ -301,9 +301,7 @@ def _turned(kind: int, turn: Array, points: Array, n_dims: int) -> Array:
 
 
 def _turning(kind: int, turn: Array) -> Array:
-    """Return a bound of the fifth derivative of a turning point at unit distance.
-
-    Array, shape (n_intervals,).
+    """Bound the fifth derivative of a turning point at unit distance; array, shape (n_intervals,).
 
     A unit vector (v + e)/|v + e| is majorised by (1 + x) (1 - 2x - x^2)^(-1/2) with x = |e|/|v|, a point that a
     quaternion turns by (1 + x)^2 (1 - 2x - x^2)^(-1), and a point turned by an angle by exp(x).
@@ -333,12 +331,12 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """Return the power series of the inner product of two vectors, whose components are along the last axis."""
+    """Return the power series of the inner product along the last axis."""
     return np.stack([sum((a[i] * b[k - i]).sum(axis=-1) for i in range(k + 1)) for k in range(len(a))])
 
 
 def _power(s: Array, exponent: float) -> Array:
-    """Return the power series of s to a power, s[0] > 0 (the recurrence of J. C. P. Miller)."""
+    """Return a power of a power series, s[0] > 0 (Miller's recurrence)."""
     result = np.zeros_like(s)
     result[0] = s[0] ** exponent
     for k in range(1, len(s)):

@@ -1,8 +1,8 @@
 """The continuous-time certificate of clearance.
 
-Between two knots every node stays within its *chord deviation* ``h^2/8 max|y''|`` of the chord. So every point of an
-edge stays within the larger deviation of its two nodes of the corresponding point of the ruled surface that the
-chords span. On that surface a space-time cell [t0, t1] x [s0, s1] is at least
+Between two knots every keypoint stays within its *chord deviation* ``h^2/8 max|y''|`` of the chord. So every point of
+an edge stays within the larger deviation of its two keypoints of the corresponding point of the ruled surface that
+the chords span. On that surface a space-time cell [t0, t1] x [s0, s1] is at least
 
     along - dt/2 max(|dp(s0)|, |dp(s1)|)
 
@@ -10,12 +10,12 @@ away from an obstacle, since signed distances have Lipschitz constant 1. Here `a
 edge at mid-time: by the same constant, ``d(middle) - ds/2 length``, or by convexity, as obstacles are convex:
 beyond the middle the distance stays above the line through the middle and the other end. Cells that are not
 clear enough are halved along their larger term. The least bound over all cells, less the chord deviation and the
-radius of the load, is a lower bound of the clearance at every instant.
+radius of the payload, is a lower bound of the clearance at every instant.
 
-A moving obstacle is treated in its own frame, from which the body is seen at the knots: it moves by the relative
+A moving obstacle is treated in its own frame, in which the body is given at the knots: it moves by the relative
 motion of the two. The obstacle's centre strays from the chord of its own path between two knots by a known *sagitta*,
 which is added to the chord deviation. If the obstacle turns by an angle a between two knots, a point that goes
-straight from z to z' relative to its centre is seen to stray from its chord by at most
+straight from z to z' relative to its centre strays from its chord by at most
 
     (a^2 max(|z|, |z'|) + 2 a |z' - z|) / 8,
 
@@ -28,13 +28,13 @@ obstacle, ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.geometry.solids
 are not clear enough are halved. The same holds for a hull: its reach along n is the largest of functions linear in
 time, and so convex in time.
 
-A support recedes from a payload that rests on it (`comove.model.resting`): it is an obstacle that moves, whose
-sagitta bounds how far it is ahead of where it may be.
+A support recedes from a payload that rests on it (`comove.model.resting`): it is a moving obstacle, whose sagitta
+bounds how far it is ahead of its admissible position.
 
 An obstacle that is a mesh is represented by its triangles (`comove.geometry.surfaces`). Every part of the body is a
-convex hull of nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes skips
-those far away. A body that is outside at the start and never meets a triangle stays outside, so only the start is
-checked for being inside.
+convex hull of keypoints, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes
+skips those far away. A body that is outside at the start and never meets a triangle stays outside, so only the start
+is checked for being inside.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ ROUNDING = 1e-12  # of the largest coordinate, and of a metre
 
 @dataclass(frozen=True)
 class CertificateSettings:
-    """Settings of the certificate: how tight its bound is, and how long it looks for it; it is sound in any case.
+    """Settings of the certificate: tightness of its bound, and computing effort. It is sound for any of them.
 
     Attributes
     ----------
@@ -81,8 +81,8 @@ class CertificateSettings:
     strays, most_knots : knots are added until points of turning obstacles stray from their chords by less [m], and at
         most so many; this makes bounds tight, and is not needed for them to hold
     most_cells, most_halves : cells of edges, and halves of intervals of solids and triangles, each of which takes a
-        search for a direction, for all that stands and for each obstacle that moves; a bound that needs more is given
-        up as it stands, lower than it might be
+        search for a direction, for all static obstacles and for each moving one; a bound that needs more stays lower
+        than possible
     """
 
     loose: float = 1e-4
@@ -94,7 +94,7 @@ class CertificateSettings:
     most_halves: int = 300_000
 
     def need(self, scene: Scene, nodes: Array) -> Need:
-        """Return the accuracy required of the bound for a body with these nodes, array of shape (..., 3) [m]."""
+        """Return the accuracy required of the bound for a body; `nodes` has the shape (..., 3) [m]."""
         side = float((scene.upper - scene.lower).max())
         unit = 1.0 if self.common[0] <= side <= self.common[1] else side
         far = np.abs(scene.centers[scene.turning]).max(initial=0.0)  # nodes are turned about these
@@ -103,7 +103,7 @@ class CertificateSettings:
         return Need(scene.clearance, self.loose * unit, self.tight * unit, rounding, *most)
 
     def turning_times(self, scene: Scene, duration: float) -> Array:
-        """Return times between which points of turning obstacles stray from their chords by little [s]."""
+        """Return times [s] between which turning obstacles' points stray little from chords."""
         bend = np.linalg.norm(scene.spins, axis=1) * scene.obstacle_speeds
         finest = duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
         return np.linspace(0.0, duration, int(min(np.ceil(finest), self.most_knots)) + 1)
@@ -155,7 +155,7 @@ def certify(
     since: float = 0.0,
     settings: CertificateSettings = SETTINGS,
 ) -> Clearance:
-    """Bound the clearance of the whole load and all hands over continuous time.
+    """Bound the clearance of payload and end effectors over continuous time.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def certify_curve(
     paths: Paths,
     settings: CertificateSettings = SETTINGS,
 ) -> Clearance:
-    """Bound the clearance of a load that is known at some instants, among obstacles that move on `paths`.
+    """Bound the clearance of a sampled payload among obstacles on `paths`.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def certify_curve(
 def _views(
     scene: Scene, curve: CurveArrays, paths: Paths
 ) -> Iterator[tuple[CurveArrays, ConvexObstacles, list[MeshAround]]]:
-    """Yield the curve as obstacles see it, and these obstacles: first all that stand, then each one that moves."""
+    """Yield the curve in obstacles' frames: all static obstacles first, then each moving one."""
     moves = np.zeros(len(scene.motions), dtype=bool)
     for array in paths:
         if array.any():
@@ -247,7 +247,7 @@ def _views(
 
 
 def _seen(curve: CurveArrays, scene: Scene, paths: Paths, obstacle: int) -> CurveArrays:
-    """Return a curve as an obstacle that moves sees it, in the frame of its pose in the file."""
+    """Return a curve in a moving obstacle's frame, that of the file."""
     center, spin = scene.centers[obstacle], scene.spins[obstacle]
     offset, turn, sagitta = (array[:, obstacle] for array in paths)
     nodes = np.ascontiguousarray(seen_from(curve.nodes, center, offset, turn))
@@ -263,7 +263,7 @@ def _seen(curve: CurveArrays, scene: Scene, paths: Paths, obstacle: int) -> Curv
 
 
 def _receded(scene: Scene, curve: CurveArrays, paths: Paths) -> Paths:
-    """Return the paths of obstacles where supports recede from a payload that rests on them."""
+    """Return the obstacles' paths with supports that recede from a resting payload."""
     moved = recessions(scene, curve.nodes)
     sagitta = recession_sagittas(scene, curve.nodes, curve.deviation, moved)
     return paths._replace(offset=paths.offset + moved, sagitta=paths.sagitta + sagitta)

@@ -1,4 +1,4 @@
-"""Kernels of the certificate of clearance: bounds for edges, for solids and for meshes; see `certificate`."""
+"""Kernels of the certificate of clearance: bounds for edges, solids and meshes. See `certificate`."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class Need(NamedTuple):
 
 
 class CurveArrays(NamedTuple):
-    """The nodes of a body at some instants, in any frame, and how far they stray from their chords in between.
+    """The keypoints of a body at some instants, and their chord deviations. Any frame is possible.
 
     Attributes
     ----------
     nodes : array, shape (n_knots, n_nodes, 3), [m]
-    deviation : array, shape (n_knots - 1, n_nodes), largest distance of the nodes from their chords [m]
+    deviation : array, shape (n_knots - 1, n_nodes), largest distance of the keypoints from their chords [m]
     """
 
     nodes: Array
@@ -58,7 +58,7 @@ class CurveArrays(NamedTuple):
 
 
 class ConvexObstacles(NamedTuple):
-    """Convex obstacles that stand in the frame from which a body is seen.
+    """Convex obstacles at rest in the frame of a body's curve.
 
     Attributes
     ----------
@@ -87,12 +87,12 @@ class ClearanceFound(NamedTuple):
 
 
 class PartSweep(NamedTuple):
-    """A convex part of a body from one knot to the next, beside an obstacle.
+    """A body's convex part between two knots, beside an obstacle.
 
     Attributes
     ----------
     begin, end : arrays, of the shape of the part, at these knots [m]
-    radius, swell : its radius, and how far it strays from what its nodes' chords span [m]
+    radius, swell : its radius, and how far it strays from the span of its keypoints' chords [m]
     knot, obstacle : number of the first knot, and of the obstacle
     """
 
@@ -105,7 +105,7 @@ class PartSweep(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Scratch: a part, the unit vector that parted last, another one, room for GJK, intervals to be looked at."""
+    """Scratch arrays: a part, directions, GJK simplex, and pending intervals."""
 
     part: Array
     normal: Array
@@ -123,14 +123,14 @@ def certified_edges(
     need: Need,
     found: ClearanceFound,
 ) -> ClearanceFound:
-    """Return what is certified, of edges among obstacles that stand in the curve's frame too.
+    """Return the certified clearance of edges among obstacles in their frame.
 
     Of several obstacles that are equally near, the first is named.
 
     Parameters
     ----------
     edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), the body
-    found : what is certified so far
+    found : certified state so far
     """
     (nodes, deviation), (obstacles, owner) = curve, rows
     begin, end, stack = np.empty((2, 3)), np.empty((2, 3)), np.empty((STACK, 4))
@@ -159,11 +159,11 @@ def certified_edges(
 def certified_border(
     curve: CurveArrays, which: Integers, radii: Array, workspace: Array, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is certified, of the distance of nodes from the border of the workspace.
+    """Return the certified clearance of keypoints from the workspace border.
 
     Parameters
     ----------
-    which, radii : arrays, shape (n,), numbers of the nodes and the radii of what is about them [m]
+    which, radii : arrays, shape (n,), numbers of the keypoints, and radii about them [m]
     workspace : array, shape (2, 3), its corners [m]
     """
     (nodes, deviation), n_intervals = curve, curve.deviation.shape[0]
@@ -183,7 +183,7 @@ def certified_border(
 def _with_distance(
     found: ClearanceFound, distance: float, knot: int, nearest: int, need: Need
 ) -> ClearanceFound:
-    """Return what is found with one more distance; of those that are equally near but for rounding, the first."""
+    """Add a distance to a state. Among distances equal but for rounding, the first stays."""
     if distance < found.met - need.rounding:
         return ClearanceFound(found.bound, distance, knot, nearest)
     return ClearanceFound(found.bound, min(found.met, distance), found.knot, found.nearest)
@@ -191,7 +191,7 @@ def _with_distance(
 
 @kernel
 def _with_bound(found: ClearanceFound, bound: float) -> ClearanceFound:
-    """Return what is found where one more part has this bound."""
+    """Return a state with the bound of one more part."""
     return ClearanceFound(min(found.bound, bound), found.met, found.knot, found.nearest)
 
 
@@ -199,7 +199,7 @@ def _with_bound(found: ClearanceFound, bound: float) -> ClearanceFound:
 def edges_at_knots(
     nodes: Array, edges: Integers, radii: Array, rows: ConvexObstacles, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is found at every fourth knot: a good upper bound, so that few cells need halving."""
+    """Return the state of edges at every fourth knot. This good upper bound spares the halving of cells."""
     obstacles, owner = rows
     for k in range(0, nodes.shape[0], 4):
         for e in range(edges.shape[0]):
@@ -229,9 +229,10 @@ def _while_swept(
     stack: Array,
     cells: int,
 ) -> tuple[ClearanceFound, int]:
-    """Bound the clearance of an edge, of this length [m] at most, from obstacle j, halving cells where needed.
+    """Bound an edge's clearance from obstacle j, halving cells where needed.
 
-    `stack` is scratch, `cells` the number of cells looked at so far, which is returned as well.
+    The edge has at most this length [m]. `stack` is scratch; the number of `cells` checked so far is returned as
+    well.
     """
     begin, end, radius, swell, knot, obstacle = sweep
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
@@ -272,11 +273,11 @@ def _while_swept(
 def certified_solids(
     curve: CurveArrays, solids: Integers, rows: ConvexObstacles, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is certified, of solids among obstacles that stand in the curve's frame too.
+    """Return the certified clearance of solids among obstacles in their frame.
 
     Parameters
     ----------
-    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes at their corners
+    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, keypoints at their corners
     """
     (nodes, deviation), (obstacles, owner) = curve, rows
     begin, end, none, cells = empty_solid(solids), empty_solid(solids), np.empty((3, 3)), 0
@@ -304,7 +305,7 @@ def certified_solids(
 def solids_at_knots(
     nodes: Array, solids: Integers, rows: ConvexObstacles, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is found of solids at every fourth knot."""
+    """Return the state of solids at every fourth knot."""
     obstacles, owner = rows
     solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
     for corners in solids:
@@ -323,7 +324,7 @@ def _work(part: Array) -> Scratch:
 
 @kernel
 def _gap(obstacles: Array, j: int, triangle: Array, part: Array, normal: Array) -> float:
-    """Return the gap [m] along `normal` between a part and obstacle j, or for negative j a triangle."""
+    """Return the gap [m] along `normal` to an obstacle or triangle. Negative j is the triangle."""
     if j < 0:
         return triangle_gap(triangle, part, normal)
     return gap(obstacles, j, part, normal[0], normal[1], normal[2])
@@ -340,9 +341,9 @@ def _while_moving(
     work: Scratch,
     cells: int,
 ) -> tuple[ClearanceFound, int]:
-    """Bound the clearance of a part from obstacle j, or for negative j a triangle, halving intervals where needed.
+    """Bound a part's clearance from an obstacle or triangle, halving intervals.
 
-    `cells` is the number of directions that were searched for, which is returned as well.
+    For negative j it is the triangle. The number of `cells`, directions searched so far, is returned as well.
     """
     (begin, end, radius, swell, knot, obstacle), (part, normal, other, simplex, stack) = sweep, work
     stack[0, 0], stack[0, 1] = 0.0, 1.0
@@ -389,7 +390,7 @@ def _gap_throughout(
     part: Array,
     normal: Array,
 ) -> float:
-    """Return the least gap [m] along `normal` while a part moves from the fraction t0 to t1 of its path.
+    """Return the least gap [m] along `normal` during a piece of motion. The part moves from fraction t0 to t1.
 
     `part` is scratch.
     """
@@ -417,11 +418,11 @@ class MeshAround(NamedTuple):
 def certified_surface(
     curve: CurveArrays, hulls: Integers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is certified, of hulls and a mesh that stands in the curve's frame.
+    """Return the certified clearance of hulls from a mesh in their frame.
 
     Parameters
     ----------
-    hulls : array of int, shape (n_hulls, n), nodes of every convex part of the body
+    hulls : array of int, shape (n_hulls, n), keypoints of every convex part of the body
     radii : array, shape (n_hulls,), radii by which the parts are thickened [m]
     """
     (nodes, _), (surfaces, mesh, obstacle), n_points = curve, around, hulls.shape[1]
@@ -465,7 +466,7 @@ def certified_surface(
 def hulls_at_knots(
     nodes: Array, hulls: Integers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is found of hulls at every fourth knot."""
+    """Return the state of hulls at every fourth knot."""
     hull, (surfaces, mesh, obstacle) = np.empty((hulls.shape[1], 3)), around
     for h in range(hulls.shape[0]):
         for k in range(0, nodes.shape[0], 4):
@@ -486,7 +487,7 @@ def _largest(deviation: Array, hull: Integers) -> float:
 
 @kernel
 def _span_box(begin: Array, end: Array, out: Array) -> None:
-    """Write the lower and upper corner of the axis-parallel box about two hulls; array, shape (2, 3) [m]."""
+    """Write the corners of two hulls' common box; array, shape (2, 3) [m]."""
     for axis in range(3):
         out[0, axis] = min(begin[:, axis].min(), end[:, axis].min())
         out[1, axis] = max(begin[:, axis].max(), end[:, axis].max())
@@ -494,7 +495,6 @@ def _span_box(begin: Array, end: Array, out: Array) -> None:
 
 @kernel
 def _hull_at(nodes: Array, hull: Integers, out: Array) -> None:
-    """Write in `out` the nodes of a hull."""
     for i in range(hull.shape[0]):
         copy_to(nodes[hull[i]], out[i])
 
@@ -508,7 +508,7 @@ def _between(begin: Array, end: Array, t: float, solid: Array) -> None:
 
 @kernel
 def _slack(met: float, need: Need) -> float:
-    """Return how far [m] the bound may stay below the least clearance found.
+    """Return the admissible gap [m] between bound and least clearance found.
 
     It is little where that is close to the required clearance.
     """
@@ -518,7 +518,7 @@ def _slack(met: float, need: Need) -> float:
 
 @kernel
 def _on_surface(begin: Array, end: Array, t: float, s: float) -> tuple[float, float, float]:
-    """Return the point (t, s) of the surface that an edge's chord sweeps."""
+    """Return the point (t, s) of an edge chord's swept surface."""
     f, g, h, i = (1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s
     return (
         f * begin[0, 0] + g * begin[1, 0] + h * end[0, 0] + i * end[1, 0],
@@ -529,7 +529,7 @@ def _on_surface(begin: Array, end: Array, t: float, s: float) -> tuple[float, fl
 
 @kernel
 def _move(begin: Array, end: Array, s: float) -> float:
-    """Return the distance that the point s of an edge moves along its chord."""
+    """Return the displacement of an edge's point s along its chord."""
     x = (1 - s) * (end[0, 0] - begin[0, 0]) + s * (end[1, 0] - begin[1, 0])
     y = (1 - s) * (end[0, 1] - begin[0, 1]) + s * (end[1, 1] - begin[1, 1])
     z = (1 - s) * (end[0, 2] - begin[0, 2]) + s * (end[1, 2] - begin[1, 2])

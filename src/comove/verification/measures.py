@@ -1,11 +1,11 @@
-"""Measures of a verified motion for people who decide whether it may be executed: smoothness, and terms of J.
+"""Measures of a verified motion for people: smoothness and terms of J.
 
 The terms of the paper's objective, equation (4), that follow from the motion alone have weight 1 here.
 In unit duration and with T samples,
 
     goal = 1/T sum_t sum_i |y_i - g_i|^2,    velocity = (T-1)^2/T sum_t sum_i |y_i(t+1) - y_i(t)|^2.
 
-The obstacle term counts the obstacles that the payload or a hand is in: none, where the clearance is certified.
+The obstacle term counts the obstacles in contact: none, where the clearance is certified.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def unit_terms_of(position: Array) -> dict[str, float]:
 
     Parameters
     ----------
-    position : array, shape (n_steps, n_manipulators, n_dims), hands at even times [m]
+    position : array, shape (n_steps, n_manipulators, n_dims), end effectors at even times [m]
     """
     n_steps, away, moved = len(position), position - position[-1], np.diff(position, axis=0)
     return {
@@ -45,14 +45,15 @@ def unit_terms_of(position: Array) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Smoothness:
-    """Measures of how smooth a motion is.
+    """Measures of a motion's smoothness.
 
     Attributes
     ----------
-    jerk_max : upper bound of the jerk of a hand between start and end [m/s^3]; the others are sampled, not certified
-    jerk_squared : squared jerk of all hands, integrated over unit duration [m^2]
+    jerk_max : upper bound of the jerk of an end effector between start and end [m/s^3]; the others are sampled, not
+        certified
+    jerk_squared : squared jerk of all end effectors, integrated over unit duration [m^2]
     jerk_ratio : `jerk_squared` over that of straight minimum-jerk motions with the same ends (Flash and Hogan, 1985)
-    spectral_arc_length : mean over the hands' speeds (Balasubramanian et al., 2015): smoother if nearer to 0
+    spectral_arc_length : mean over the end effectors' speeds (Balasubramanian et al., 2015): smoother if nearer to 0
     halfway, nearly_there : fractions of the duration after which half and 95 % of the path are travelled
     """
 
@@ -65,7 +66,7 @@ class Smoothness:
 
 
 def smoothness(motion: CoordinatedMotion, n_steps: int = 801) -> Smoothness:
-    """Return measures of how smooth a motion is, from `n_steps` samples."""
+    """Return measures of a motion's smoothness from `n_steps` samples."""
     scene, s = motion.scene, np.linspace(0.0, 1.0, n_steps)
     _, velocity, acceleration = motion.hands(s)
     jerk, speed = np.diff(acceleration, axis=0) * (n_steps - 1), np.linalg.norm(velocity, axis=2)
@@ -86,9 +87,9 @@ def smoothness(motion: CoordinatedMotion, n_steps: int = 801) -> Smoothness:
 def spectral_arc_length(
     speed: Array, *, highest: float = 10.0, quiet: float = 0.05, padding: int = 16
 ) -> float:
-    """Return minus the arc length of the normalised amplitude spectrum of a speed; 0 where the speed is 0 throughout.
+    """Return minus the arc length of a speed's normalised amplitude spectrum. It is 0 for zero speed.
 
-    The frequencies are those of a movement that lasts one second, so that the pace of a movement does not matter.
+    The frequencies are those of a movement that lasts one second, so that the duration of a movement does not matter.
 
     Parameters
     ----------

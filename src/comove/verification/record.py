@@ -1,4 +1,4 @@
-"""The check of executions: what happened step by step, among obstacles at their true positions.
+"""The verification of executions among obstacles at their true positions.
 
 An execution is a sequence of poses of rigid bodies that move with constant twists in between. So every point of a
 body strays from the chord of its step by at most ``|w|^2 |r| h^2 / 8``, and the continuous-time certificate of
@@ -54,12 +54,12 @@ class Record:
     sagitta: Array
 
     def table(self, step: int) -> Array:
-        """Return the table of the obstacles with their true poses at a step."""
+        """Return the obstacle table with the true poses at a step."""
         return self.scene.obstacles_at(float(self.time[step]), self.obstacles[step])
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the nodes, hands first, then corners of the load; array, shape (n_steps, n_nodes, 3) [m]."""
+        """Return the keypoints, end effectors first, then payload corners; array, shape (n_steps, n_nodes, 3) [m]."""
         nodes, turns = np.zeros((len(self.time), self.scene.body.n_nodes, 3)), matrices(self.quaternion)
         for g, own in enumerate(self.scene.nodes_of_groups):
             turned = np.einsum("tij,nj->tni", turns[:, g], self.scene.groups[g].points)
@@ -79,7 +79,7 @@ class Record:
 
     @cached_property
     def chord_deviations(self) -> Array:
-        """Return how far nodes stray from their chords between the steps; array, shape (n_steps - 1, n_nodes) [m]."""
+        """Return keypoints' largest distances from their chords; array, shape (n_steps - 1, n_nodes) [m]."""
         chord_deviations = np.zeros((len(self.time) - 1, self.scene.body.n_nodes))
         square = (self.spins**2).sum(axis=2) * np.diff(self.time)[:, None] ** 2 / 8
         for g, own in enumerate(self.scene.nodes_of_groups):
@@ -90,24 +90,24 @@ class Record:
 
     @property
     def position(self) -> Array:
-        """Return the positions of the hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+        """Return the positions of the end effectors; array, shape (n_steps, n_manipulators, n_dims) [m]."""
         return self.nodes[:, : len(self.scene.manipulators), : self.scene.n_dims]
 
     def holds(self, hands: Sequence[int]) -> bool:
-        """Return whether hands are on one rigid body, and so stay together between the steps."""
+        """Return whether end effectors are on one rigid body."""
         return any(set(hands) <= set(own) for own in self.scene.nodes_of_groups)
 
     def tilting(self, hands: Sequence[int]) -> Array:
-        """Return half of the rotation within each step that is not about the vertical [rad].
+        """Return half of each step's rotation that changes tilts [rad].
 
-        A line between hands of one body tilts at most that much more than at the worse end of the step.
+        A line between end effectors of one body tilts at most that much more than at the worse end of the step.
         """
         (g,) = {g for g, own in enumerate(self.scene.nodes_of_groups) if set(hands) & set(own)}
         axes = slice(0, 2) if self.scene.n_dims == 3 else slice(2, 3)
         return 0.5 * np.linalg.norm(self.spins[:, g, axes], axis=1) * np.diff(self.time)
 
     def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
-        """Return a direction fixed in a hand's body at every step, and how far it leaves its chords within one."""
+        """Return a body-fixed direction at every step, and its chord deviation."""
         (g,) = {g for g, nodes in enumerate(self.scene.nodes_of_groups) if hand in nodes}
         turns = matrices(self.quaternion[:, g])
         stray = (self.spins[:, g] ** 2).sum(axis=1) * np.diff(self.time) ** 2 / 8
@@ -116,20 +116,20 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class RecordSamples:
-    """A record of sampled hand positions from any source.
+    """A record of sampled end-effector positions from any source.
 
-    Hands go straight from sample to sample, and obstacles move as the scene says.
+    End effectors move straight from sample to sample, and obstacles as in the scene.
 
     Attributes
     ----------
-    scene : a scene whose load is determined by its hands, as bars and frames are
+    scene : a scene whose payload is determined by its end effectors, as bars and frames are
     time : array, shape (n_steps,), evenly spaced, from 0 [s]
-    position : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
+    position : array, shape (n_steps, n_manipulators, n_dims), positions of the end effectors [m]
 
     Raises
     ------
     OptionError
-        If the hands do not determine the load, or the arrays do not belong to the scene.
+        If the end effectors do not determine the payload, or the arrays do not belong to the scene.
     """
 
     scene: Scene
@@ -152,14 +152,14 @@ class RecordSamples:
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the hands in space; array, shape (n_steps, n_manipulators, 3) [m]."""
+        """Return the end effectors in space; array, shape (n_steps, n_manipulators, 3) [m]."""
         nodes = np.zeros((*np.shape(self.position)[:2], 3))
         nodes[..., : self.scene.n_dims] = self.position
         return nodes
 
     @property
     def chord_deviations(self) -> Array:
-        """Return zeros, as hands move along the chords; array, shape (n_steps - 1, n_manipulators) [m]."""
+        """Return zeros, as end effectors move along chords; array, shape (n_steps - 1, n_manipulators) [m]."""
         return np.zeros((len(self.time) - 1, len(self.scene.manipulators)))
 
     @cached_property
@@ -169,19 +169,19 @@ class RecordSamples:
 
     @cached_property
     def sagitta(self) -> Array:
-        """Return how far the centres stray from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
+        """Return the centres' largest distances from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
         return self.scene.obstacle_sagittas(self.time)
 
     def holds(self, hands: Sequence[int]) -> bool:
-        """Return False, as no rigid body is known to hold the hands together."""
+        """Return False, as no rigid body is known."""
         return False
 
     def tilting(self, hands: Sequence[int]) -> Array:
-        """Return zeros: the direction between two hands that go straight turns one way in a step."""
+        """Return zeros. The direction between two straight-moving end effectors turns monotonically in a step."""
         return np.zeros(len(self.time) - 1)
 
     def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
-        """Return infinite deviations, as nothing is known of how bodies are turned."""
+        """Return infinite deviations, as the bodies' rotations are unknown."""
         return np.tile(own, (len(self.time), 1)), np.full(len(self.time) - 1, np.inf)
 
 
@@ -190,12 +190,13 @@ class ExecutionReport(Report):
     """The measures of an execution, between the steps too.
 
     Exceptions are velocities, which are averages over a step, and accelerations, the changes of these from one step
-    to the next. The jerk is not measured. Ends are missed by distances of hands: `end_error` is that of the goal.
+    to the next. The jerk is not measured. Errors at ends are distances of end effectors: `end_error` is that of the
+    goal.
 
     Attributes
     ----------
-    start_error : largest distance of a hand from the required start [m]
-    reasons : what is wrong, in words; empty for a correct execution
+    start_error : largest distance of an end effector from the required start [m]
+    reasons : faults in words; empty for a correct execution
     """
 
     start_error: float
@@ -203,11 +204,11 @@ class ExecutionReport(Report):
 
 
 def verify_execution(record: Record | RecordSamples, blocker: str = "") -> ExecutionReport:
-    """Verify an execution by the true motion of its obstacles, or the samples of a motion; return the report.
+    """Verify an execution by the true obstacle motion; return the report.
 
     Parameters
     ----------
-    blocker : what kept the load from its goal, in words, if it is known
+    blocker : reason in words why the payload did not reach its goal, if known
     """
     scene, step = record.scene, np.diff(record.time)[:, None]
     hands = record.nodes[:, : len(scene.manipulators)]
@@ -278,29 +279,29 @@ def _contact(record: Record | RecordSamples, clearance: Clearance) -> list[str]:
 
 
 class _RecordCourse(Course):
-    """The hands of a record, which go from step to step along arcs."""
+    """The end effectors of a record, moving along arcs between steps."""
 
     def __init__(self, record: Record | RecordSamples):
         self.record, self.n_dims = record, record.scene.n_dims
         self.position = record.nodes[:, : len(record.scene.manipulators)]
 
     def stray(self, hands: Sequence[int]) -> Array:
-        """Return the sum of the largest distances of hands from their chords."""
+        """Return the summed largest distances of end effectors from their chords."""
         return self.record.chord_deviations[:, list(hands)].sum(axis=1)
 
     def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
-        """Return one hand relative to another, and how far it strays from its chords."""
+        """Return one end effector relative to another, and its chord deviation."""
         apart = self.position[:, first, axes] - self.position[:, second, axes]
         return apart, self.stray((first, second))
 
     def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
-        """Return whether one body is known to hold both hands; a record knows its roll too."""
+        """Return whether one body is known to hold both end effectors. A record knows its roll too."""
         return self.record.holds((first, second))
 
     def tilting(self, hands: Sequence[int]) -> Array:
-        """Return by how much lines between hands may tilt more within a step than at its ends."""
+        """Return the additional tilt of lines between end effectors within steps."""
         return self.record.tilting(hands)
 
     def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
-        """Return a direction of a body that a record knows."""
+        """Return a direction of a body known from a record."""
         return self.record.direction(hand, own)

@@ -1,9 +1,9 @@
-"""The check that decides whether a motion is safe; it is the only maker of `VerifiedMotion`.
+"""The verifier of motions, the only maker of `VerifiedMotion`.
 
-By how much a motion may violate the constraints of its scene is bounded at every instant.
-What a block of the coordinates keeps by construction is read off from the block: hands of one block are images of
-fixed points under one rigid motion, and a block that only shifts, or only turns about the vertical, keeps all tilts.
-Hands of different blocks are bounded by their derivatives between the knots.
+It bounds the violation of a scene's constraints at every instant. Properties that a block of the coordinates keeps by
+construction follow from the block: end effectors of one block are images of fixed points under one rigid motion, and
+a block that only shifts, or only turns about the vertical, keeps all tilts. End effectors of different blocks are
+bounded by their derivatives between the knots.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class Finding(NamedTuple):
 
 
 def examine(course: Course, constraints: Sequence[Constraint], names: Sequence[str]) -> list[Finding]:
-    """Judge every constraint over continuous time; `names` are those of the hands."""
+    """Check every constraint over continuous time; `names` are those of the end effectors."""
     errors = [(c, c.bound(course)) for c in constraints]
     return [Finding(c, error, "" if error <= c.allowed else c.reason(error, names)) for c, error in errors]
 
 
 def measures(findings: Sequence[Finding]) -> dict[str, float]:
-    """Return the worst measures by their names in reports, of the constraints that have one."""
+    """Return the worst measures of constraints by their names in reports."""
     worst: dict[str, float] = {}
     for c, error, _ in findings:
         if c.report:
@@ -73,18 +73,18 @@ def measures(findings: Sequence[Finding]) -> dict[str, float]:
 
 
 class MotionCourse(Course):
-    """The hands of a motion, whose coordinates say what is rigid and whose derivatives bound the rest."""
+    """The end effectors of a motion. Its coordinates define rigid parts, its derivatives bound others."""
 
     def __init__(self, motion: CoordinatedMotion, bounds: NodeBounds, position: Array):
         self.motion, self.position, self.n_dims = motion, position, motion.scene.n_dims
         self._acceleration = bounds.acceleration
 
     def stray(self, hands: Sequence[int]) -> Array:
-        """Return the sum of the largest distances of hands from their chords."""
+        """Return the summed largest distances of end effectors from their chords."""
         return CHORD_DEVIATION * self._acceleration[:, list(hands)].sum(axis=1)
 
     def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
-        """Return one hand relative to another; exactly, where both are columns of q and constants."""
+        """Return one end effector relative to another. It is exact where both are columns of q and constants."""
         blocks = [self._block(first), self._block(second)]
         if not all(self._is_shifted(part, axes) for part, _ in blocks):
             apart = self.position[:, first, axes] - self.position[:, second, axes]
@@ -96,18 +96,18 @@ class MotionCourse(Course):
         return relative[0], CHORD_DEVIATION * derivative_bounds(relative)[2]
 
     def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
-        """Return whether one block moves both hands, and does not leave their roll open."""
+        """Return whether one block moves both end effectors, including their roll."""
         part, _ = self._block(first)
         return second in part.nodes and not (roll and part.kind == DIRECTION)
 
     def tilting(self, hands: Sequence[int]) -> Array:
-        """Return zeros where a block, or a height that all share, keeps lines from tilting; else infinity."""
+        """Return zeros where lines keep their tilt, else infinity. A block, or one shared height, keeps it."""
         part, _ = self._block(hands[0])
         kept = set(hands) <= set(part.nodes.tolist()) and self._keeps_tilt(part)
         return np.full(N_INTERVALS, 0.0 if kept or self._is_level(hands) else np.inf)
 
     def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
-        """Return a direction fixed in a hand's body, and how far its second derivative lets it leave its chords."""
+        """Return a body-fixed direction and a bound of its chord deviation."""
         part, _ = self._block(hand)
         turn = self.motion.knots[:, :, part.columns][:, :, self.n_dims :]
         if part.kind == POINT:
@@ -120,7 +120,7 @@ class MotionCourse(Course):
         return there, CHORD_DEVIATION * reach * turning_bounds(part.kind, turn)[0]
 
     def _is_level(self, hands: Sequence[int]) -> bool:
-        """Return whether hands in space are at one height, whatever q is."""
+        """Return whether end effectors in space share one height for any q."""
         columns = np.arange(self.motion.coordinates.n_columns)
         blocks = [self._block(hand) for hand in hands]
         if self.n_dims != 3 or not all(self._keeps_tilt(part) for part, _ in blocks):
@@ -128,7 +128,7 @@ class MotionCourse(Course):
         return len({(int(columns[part.columns][2]), float(part.points[i, 2])) for part, i in blocks}) == 1
 
     def _block(self, hand: int) -> tuple[Block, int]:
-        """Return the block that moves a hand, and the hand's index among the block's points."""
+        """Return the block that moves an end effector, and its index there."""
         for part in self.motion.coordinates.parts:
             found = np.flatnonzero(part.nodes == hand)
             if len(found):
@@ -136,22 +136,20 @@ class MotionCourse(Course):
         raise LookupError(f"no block moves hand {hand}")
 
     def _keeps_tilt(self, part: Block) -> bool:
-        """Return whether a block keeps the tilt of the body that it moves, whatever q is."""
         return part.kind == POINT or (part.kind == ANGLE and self.n_dims == 3)
 
     def _is_shifted(self, part: Block, axes: slice) -> bool:
-        """Return whether a block only shifts its points along some axes: all of a point's, the height in space."""
         return part.kind == POINT or (self._keeps_tilt(part) and axes == slice(2, 3))
 
 
 class Sealed:
-    """A result of a check that only the check's function can create; a frozen dataclass, so that it does not change.
+    """A frozen result that only its checking function can create.
 
     Other callers of the constructor get an error that names this function.
 
     Attributes
     ----------
-    MAKER, INSTEAD : the function that creates it, and what to do instead of pickling it, in words
+    MAKER, INSTEAD : the function that creates it, and a substitute for pickling it, in words
     """
 
     __slots__ = ()
@@ -159,7 +157,7 @@ class Sealed:
     INSTEAD: ClassVar[str]
 
     def _require(self, sealed: bool) -> None:
-        """Raise a TypeError unless the caller of the constructor had the maker's seal."""
+        """Raise a TypeError unless the constructor's caller has the seal."""
         if not sealed:
             raise TypeError(f"{type(self).__name__} comes from {self.MAKER}, not from its constructor")
 
@@ -182,31 +180,32 @@ _SEAL = object()
 
 @dataclass(frozen=True)
 class Report:
-    """The measures of a motion; bounds hold at every instant, not only at samples.
+    """The measures of a motion. Bounds hold at every instant, not only at samples.
 
     Attributes
     ----------
     clearance_min : certified lower bound of the clearance [m]
-    distance_error_max : upper bound of the error of every distance constraint, those that a load or relative
+    distance_error_max : upper bound of the error of every distance constraint, those that a payload or relative
         poses imply included [m]
     end_error : largest miss of a start or a goal [m]
     end_speed : largest speed at the end [m/s]
-    speed_max : upper bound of a hand's speed [m/s]
-    acceleration_max : upper bound of a hand's acceleration [m/s^2]
-    separation_spare_min : lower bound of the spare of the hands' distances beyond the least that their separations
-        allow [m]; negative where one is broken
-    tilt_max : upper bound of the change of the tilt of a load that must stay upright [rad]
+    speed_max : upper bound of an end effector's speed [m/s]
+    acceleration_max : upper bound of an end effector's acceleration [m/s^2]
+    separation_spare_min : lower bound of the spare of the end effectors' distances beyond the least that their
+        separations allow [m]; negative where one is broken
+    tilt_max : upper bound of the change of the tilt of an upright payload [rad]
     height_error_max : upper bound of the difference of heights that must be the same [m]
     constraint_excess_max : upper bound of what errors of constraints of other kinds exceed their tolerance by, each
         in its own unit
-    jerk_max : upper bound of a hand's jerk, infinite where its acceleration jumps at the start or the end [m/s^3]
+    jerk_max : upper bound of an end effector's jerk, infinite where its acceleration jumps at the start or the end
+        [m/s^3]
 
     support_distance_min : lower bound of the distance from supports, near ends that rest on them [m]; there
         `clearance_min` is that from supports that recede (`comove.model.resting`)
     support_left, support_met : time from which the full clearance is kept from supports of the start, and until which
         it is kept from those of the goal [s]
 
-    All from `separation_spare_min` on are None where the scene asks for nothing of the kind.
+    All from `separation_spare_min` on are None where the scene requires none of the kind.
     """
 
     clearance_min: float
@@ -225,7 +224,7 @@ class Report:
     support_met: float | None = None
 
     def limit_ratios(self, scene: Scene) -> tuple[float, float, float]:
-        """Return speed, acceleration and jerk divided by the limits of a scene, 0 where there is no limit."""
+        """Return speed, acceleration and jerk divided by their limits. Without a limit they are 0."""
         return (
             self.speed_max / scene.speed_limit,
             self.acceleration_max / scene.acceleration_limit,
@@ -233,7 +232,7 @@ class Report:
         )
 
     def asdict(self) -> dict[str, float]:
-        """Return the measures by name, without those that the scene does not ask for."""
+        """Return the measures by name, without those that the scene lacks."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -266,7 +265,7 @@ class VerifiedMotion(Sealed):
         return self.report.clearance_min
 
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
-        """Return samples of the motion, at 100 Hz or finer unless `n_steps` is given."""
+        """Return samples of the motion, at 100 Hz or finer by default."""
         return self.motion.trajectory(n_steps)
 
     def show(self) -> None:
@@ -274,12 +273,11 @@ class VerifiedMotion(Sealed):
         comove.show(self)
 
     def _repr_html_(self) -> str:
-        """Return picture and measures for a notebook."""
         return comove.as_html(self)
 
 
 class Check(Protocol):
-    """A further check, which takes the motion and returns the reasons against it (none: passed)."""
+    """A further check of a motion; it returns reasons against it."""
 
     def __call__(self, motion: CoordinatedMotion) -> Sequence[str]:
         """Return the reasons against `motion`."""
@@ -287,12 +285,12 @@ class Check(Protocol):
 
 @dataclass(frozen=True)
 class CheckOfVerified:
-    """A further check that takes a motion as verified as it is, and so need not verify it anew.
+    """A further check of a verified motion, which it need not repeat.
 
     Attributes
     ----------
-    check : function that takes the `VerifiedMotion` of a motion that keeps all that its scene asks for, or the motion
-        itself where it does not, and returns the reasons against it
+    check : function of a `VerifiedMotion`, or of the motion itself where it violates its scene, that returns the
+        reasons against it
     """
 
     check: Callable[[CoordinatedMotion | VerifiedMotion], Sequence[str]]
@@ -304,7 +302,7 @@ class CheckOfVerified:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The judgement on a motion.
+    """The verification result of a motion.
 
     Attributes
     ----------
@@ -318,7 +316,7 @@ class Verdict:
     reasons: tuple[str, ...]
 
     def checked(self, motion: CoordinatedMotion, checks: Sequence[Check]) -> Verdict:
-        """Return the verdict after further checks of the same motion."""
+        """Return the result after further checks of the same motion."""
         reasons = list(self.reasons)
         for check in checks:
             if self.verified is not None and isinstance(check, CheckOfVerified):
@@ -330,12 +328,12 @@ class Verdict:
 
 
 def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
-    """Judge a motion: ends, constraints, limits and clearance, in continuous time.
+    """Verify a motion in continuous time: ends, constraints, limits and clearance.
 
     Parameters
     ----------
     motion
-        The candidate, on the scene that it carries.
+        The candidate, on its scene.
     checks
         Further checks, a robot's for example.
     """
@@ -388,7 +386,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
 
 
 def support_measures(scene: Scene, nodes: Array, lower: float, time: Array | None = None) -> dict[str, Any]:
-    """Return the measures of a `Report` that tell of supports; empty where the scene has no resting contact.
+    """Return a `Report`'s measures of supports. They are empty without a resting contact.
 
     Parameters
     ----------
@@ -417,10 +415,10 @@ def support_measures(scene: Scene, nodes: Array, lower: float, time: Array | Non
 
 
 def _from_rest(scene: Scene, velocity: Array, acceleration: Array) -> tuple[float, float]:
-    """Return the largest speed at the start [m/s], and the largest step of acceleration at an end [m/s^2].
+    """Return the start's largest speed [m/s] and acceleration steps at ends [m/s^2].
 
-    Before the start and after the end hands rest, unless the scene goes on from another movement; steps that are
-    rounding are 0.
+    Before the start and after the end the end effectors rest, unless the scene continues another movement; steps that
+    are rounding are 0.
 
     Parameters
     ----------
@@ -437,12 +435,12 @@ def _from_rest(scene: Scene, velocity: Array, acceleration: Array) -> tuple[floa
 def broken_limits(
     report: Report, scene: Scene, end_speed: float, *, up_to: str = "up to ", rounding: float = 0.0
 ) -> list[str]:
-    """Return in words which limits of the hands are broken.
+    """Return messages of the end effectors' broken limits.
 
     Parameters
     ----------
     end_speed : largest speed that counts as rest [m/s]
-    up_to : said before bounds, in contrast to what was measured
+    up_to : words before bounds, in contrast to measured values
     rounding : by which a share of a limit may exceed 1
     """
     reasons, share = [], 1 + rounding
@@ -464,7 +462,7 @@ def broken_limits(
 
 
 def _are_of_the_scene(motion: CoordinatedMotion) -> bool:
-    """Return whether the motion's coordinates are those that the scene has under their name."""
+    """Return whether the motion's coordinates are the scene's of that name."""
     try:
         return motion.coordinates.same_as(coordinates_for(motion.scene, motion.coordinates.kind))
     except OptionError:  # the scene has none of that name

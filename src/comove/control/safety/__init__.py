@@ -1,1 +1,1 @@
-"""Safety filter: the velocities nearest to the desired ones that lead to no collision (CBF-QP)."""
+"""Safety filter (CBF-QP): the collision-free velocities nearest to the desired ones."""

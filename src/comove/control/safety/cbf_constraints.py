@@ -1,19 +1,19 @@
 """Rows of the safety filter, in numba kernels.
 
 The variables x are the free velocities of all groups in m/s; the twist of group g is ``basis[g] x``. A row
-``A[i] x >= low[i]`` requires that a point p of a body approaches an obstacle no faster than the distance h that
-is left allows:
+``A[i] x >= low[i]`` requires that a point p of a body approaches an obstacle no faster than the remaining distance h
+allows:
 
     n . (v + w x r - velocity of the obstacle at p) >= -rate(h),     rate(h) = min(gain h, about sqrt(2 a h)).
 
 This is a control barrier function (Ames et al., 2017). The square root lets a body that approaches at this rate brake
-with the deceleration a. Where several obstacles are in the way, or one that is passed quickly, it must also be
-possible to brake along the path that is taken: a body of speed V stops in V/(2a) times its present approach, so the
-gain is at most 2a/V, and slowing down along this path is admissible in every next step.
+with the deceleration a. Among several obstacles, or when passing one quickly, it must also be possible to brake along
+the present path: a body of speed V stops in V/(2a) times its present approach, so the gain is at most 2a/V, and
+slowing down along this path is admissible in every next step.
 
 `first_rows` writes the rows of obstacles that are near now. `missing_rows` computes the exact step of a solution,
 finds the nearest points after it, and writes the rows that are violated there: the programme has a row for every
-point of the load, but only those that matter are ever written (cutting planes: Kelley, 1960). The limits of
+point of the payload, but only those that matter are ever written (cutting planes: Kelley, 1960). The limits of
 velocities, accelerations and rotations are treated in the same way.
 """
 
@@ -50,7 +50,7 @@ RESERVE = 1e-7  # m, kept on top of every clearance, so that rounding never uses
 
 @kernel
 def rate(h: float, gain: float, rates: Rates) -> float:
-    """Return the largest approach speed [m/s] at a clearance h [m]; negative, a retreat, where h is negative.
+    """Return the largest approach speed [m/s] at a clearance h [m]. Where h is negative, it is a retreat.
 
     It is ``gain h`` near by; farther away the parabola that meets it smoothly, below sqrt(2 a h). The approach then
     slows down by no more than a: d rate/dh rate = gain^2 h <= a near by, and = a farther away.
@@ -63,9 +63,10 @@ def rate(h: float, gain: float, rates: Rates) -> float:
 
 @kernel
 def against(gain: float, fastest: float, rates: Rates) -> tuple[float, Rates]:
-    """Return the gain [1/s] and the rates towards an obstacle, no point of which is faster than `fastest` [m/s].
+    """Return gain [1/s] and rates towards an obstacle of speed `fastest` [m/s].
 
-    Towards what moves, `passing` takes the place of `braking`, and the gain that a fast group leaves grows with it.
+    No point of it is faster. For moving obstacles, `passing` replaces `braking`, and the gain left by a fast group
+    grows with it.
     """
     if fastest == 0.0 or rates.passing == rates.braking:
         return gain, rates
@@ -84,7 +85,7 @@ def against(gain: float, fastest: float, rates: Rates) -> tuple[float, Rates]:
 
 @kernel
 def horizon(speed: float, gain: float, rates: Rates) -> float:
-    """Return the clearance [m] beyond which an approach at `speed` [m/s] is not slowed down."""
+    """Return the clearance [m] below which an approach is slowed down. The approach has a `speed` [m/s]."""
     corner = rates.braking / gain
     if speed <= corner:
         return speed / gain
@@ -93,7 +94,7 @@ def horizon(speed: float, gain: float, rates: Rates) -> float:
 
 @kernel
 def first_rows(qp: QP, first: int, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
-    """Write the objective and, from row `first` on, the rows of all that is near now; return the number of rows."""
+    """Write the objective and, from row `first`, near obstacles' rows; return the number of rows."""
     freedom, rates, work, center, m = qp.freedom, qp.rates, qp.work, poses.center, first
     pace = _set_up(qp, poses, before, wanted, sighting)
     m = _first_of_points(qp, m, center, sighting, pace)
@@ -109,7 +110,7 @@ def first_rows(qp: QP, first: int, poses: HandPoses, before: Array, wanted: Arra
 
 @kernel
 def _set_up(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> float:
-    """Write where all is, the objective and the gains; return how fast a hand may be in this step [m/s]."""
+    """Write the state, objective and gains; return an end effector's largest possible speed [m/s]."""
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     center, quaternion = poses
     for g in range(center.shape[0]):
@@ -137,13 +138,12 @@ def _set_up(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Si
 
 @kernel
 def _fastest(sighting: Sighting, j: int) -> float:
-    """Return how fast any point of obstacle j moves at most [m/s]."""
     return length_of(sighting.velocity[j]) + length_of(sighting.spin[j]) * sighting.table[j, REACH]
 
 
 @kernel
 def _near(qp: QP, g: int, pace: float, fastest: float) -> float:
-    """Return the clearance [m] beyond which an obstacle, as fast as that, does not slow down group g at a pace."""
+    """Return the clearance [m] beyond which an obstacle does not slow groups. Its speed is `fastest`."""
     gain, rates = against(qp.work.gain[g], fastest, qp.rates)
     return horizon(pace * qp.freedom.lever[g] + fastest, gain, rates)
 
@@ -167,7 +167,7 @@ def _first_of_points(qp: QP, m: int, center: Array, sighting: Sighting, pace: fl
 
 @kernel
 def _first_of_edges(qp: QP, m: int, center: Array, sighting: Sighting, pace: float) -> int:
-    """Write the rows of the nearest points of edges, unless they are ends."""
+    """Write the rows of edges' nearest points, except their ends."""
     points, rates, work = qp.points, qp.rates, qp.work
     for j in range(sighting.table.shape[0]):
         fastest = _fastest(sighting, j)
@@ -205,7 +205,7 @@ def _first_of_solids(qp: QP, m: int, center: Array, sighting: Sighting, pace: fl
 
 @kernel
 def _first_of_border(qp: QP, m: int, center: Array, pace: float) -> int:
-    """Write the rows of all nodes against the border."""
+    """Write the rows of all keypoints against the border."""
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     for i in range(points.node_group.shape[0]):
         g, p = points.node_group[i], work.nodes[i]
@@ -221,7 +221,7 @@ def _first_of_border(qp: QP, m: int, center: Array, pace: float) -> int:
 def missing_rows(
     qp: QP, poses: HandPoses, sighting: Sighting, x: Array, m: int, twists: Array
 ) -> tuple[int, float]:
-    """Write in `twists` the twists of the variables x, and from row m on the rows that they violate after the step.
+    """Write the twists of x, and the rows violated after the step. These begin at row m.
 
     Returns
     -------
@@ -264,7 +264,7 @@ def missing_rows(
 def _missing_of_obstacles(
     qp: QP, m: int, center: Array, twists: Array, sighting: Sighting, worst: float
 ) -> tuple[int, float]:
-    """Write the rows of edges and solids that come too near to obstacles; return as `missing_rows` does."""
+    """Write the violated rows of edges and solids; return as `missing_rows` does."""
     points, rates, work = qp.points, qp.rates, qp.work
     n_edges, near, dt = points.edges.shape[0], np.empty(3), rates.period
     solid = empty_solid(points.solids)
@@ -299,7 +299,7 @@ def _missing_of_obstacles(
 
 @kernel
 def _missing_of_border(qp: QP, m: int, center: Array, x: Array, worst: float) -> tuple[int, float]:
-    """Write the rows of nodes that come too near to the border; return as `missing_rows` does."""
+    """Write the violated rows of keypoints at the border; return as `missing_rows` does."""
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     for i in range(points.node_group.shape[0]):
         g = points.node_group[i]
@@ -321,16 +321,13 @@ def _missing_of_border(qp: QP, m: int, center: Array, x: Array, worst: float) ->
 
 @kernel
 def _promise(h: float, gain: float, rates: Rates) -> float:
-    """Return the clearance [m] that must be left after a step that begins at the clearance h."""
+    """Return the clearance [m] required after a step that begins at h."""
     return (h - rate(h, gain, rates) * rates.period - BEND * h if h > 0.0 else h) - ROUNDING
 
 
 @kernel
 def _objective(qp: QP, center: Array, wanted: Array) -> None:
-    """Write the objective: the deviation from the desired velocities, and the cost of rotation that moves no hand.
-
-    The deviation is the sum over the hands of |velocity - wanted|^2 / 2.
-    """
+    """Write the objective: sum |velocity - wanted|^2 / 2, and the cost of idle rotation."""
     points, freedom, work = qp.points, qp.freedom, qp.work
     n_groups, _, n = freedom.basis.shape
     work.quadratic[:n, :n] = 0.0
@@ -372,7 +369,7 @@ def _objective(qp: QP, center: Array, wanted: Array) -> None:
 
 @kernel
 def write_along(basis: Array, center: Array, p: Array, normal: Direction, sign: float, row: Array) -> None:
-    """Write in a row the velocity along a normal of the point p [m] of a body, per unit of the variables.
+    """Write a point's [m] velocity along a normal, by variable.
 
     Parameters
     ----------
@@ -396,7 +393,7 @@ def write_along(basis: Array, center: Array, p: Array, normal: Direction, sign: 
 
 @kernel
 def speed_along(sighting: Sighting, j: int, p: Array, normal: Direction) -> float:
-    """Return the velocity along a normal of the point p [m] of obstacle j [m/s]."""
+    """Return the velocity [m/s] along a normal of obstacle j's point [m]."""
     table, velocity, spin, _ = sighting
     x, y, z = p[0] - table[j, CENTER], p[1] - table[j, CENTER + 1], p[2] - table[j, CENTER + 2]
     return (
@@ -408,7 +405,7 @@ def speed_along(sighting: Sighting, j: int, p: Array, normal: Direction) -> floa
 
 @kernel
 def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: Direction) -> None:
-    """Write in row m the velocity of the point p of group g along a normal."""
+    """Write in row m a point's velocity along a normal. It is the point p of group g."""
     qp.work.rows[m, :] = 0.0
     write_along(qp.freedom.basis[g], center[g], p, normal, 1.0, qp.work.rows[m])
     qp.work.body[m] = g
@@ -425,7 +422,7 @@ def _obstacle_row(
     sighting: Sighting,
     h: float,
 ) -> int:
-    """Write the row of the point p of a group against an obstacle h [m] away, a `pair`; return the number of rows."""
+    """Write a point's row against an obstacle h [m] away; return the number of rows. `pair` is group and obstacle."""
     work, (g, j) = qp.work, pair
     gain, rates = against(work.gain[g], _fastest(sighting, j), qp.rates)
     _row(qp, m, g, center, p, normal)
@@ -436,7 +433,7 @@ def _obstacle_row(
 
 @kernel
 def _inner_row(qp: QP, m: int, center: Array, sighting: Sighting, j: int, e: int, share: float) -> int:
-    """Write the row of the point at the fraction `share` of edge `e`; return the number of rows."""
+    """Write the row of an edge's inner point; return the number of rows."""
     points, rates, work = qp.points, qp.rates, qp.work
     a, b = points.edges[e]
     p = np.empty(3)
@@ -458,13 +455,13 @@ def _point_row(
     gaps: tuple[float, float],
     of_solid: bool,
 ) -> int:
-    """Write the row of the point that will be at `after` when the step is over; return the number of rows.
+    """Write the row of the point at `after` after the step; return the number of rows.
 
     Parameters
     ----------
     pair : numbers of its group and of the obstacle
     moves : centres and twists of the groups
-    gaps : distance that is kept, and how much more there will be then [m]
+    gaps : required distance, and the distance beyond it after the step [m]
     """
     rates, work, (g, j), (center, twists), (need, then) = qp.rates, qp.work, pair, moves, gaps
     x, p = np.empty(3), np.empty(3)
@@ -501,7 +498,6 @@ def _point_row(
 
 @kernel
 def _border(freedom: Freedom, p: Array, axis: int, side: int) -> float:
-    """Return the distance [m] of a point from one side of the workspace."""
     return p[axis] - freedom.lower[axis] if side == 0 else freedom.upper[axis] - p[axis]
 
 
@@ -518,14 +514,14 @@ def _border_row(qp: QP, m: int, g: int, center: Array, p: Array, axis: int, side
 
 @kernel
 def _pair_distance(freedom: Freedom, nodes: Array, k: int) -> float:
-    """Return by how much two hands are farther apart than they must be [m]."""
+    """Return the distance of two end effectors beyond their separation [m]."""
     p, q = nodes[freedom.pairs[k, 0]], nodes[freedom.pairs[k, 1]]
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2) - freedom.apart[k]
 
 
 @kernel
 def _pair_gain(qp: QP, k: int) -> float:
-    """Return the gain [1/s] of two hands: that of the faster group."""
+    """Return the gain [1/s] of two end effectors: that of the faster group."""
     points, freedom, work = qp.points, qp.freedom, qp.work
     a, b = freedom.pairs[k]
     return min(work.gain[points.node_group[a]], work.gain[points.node_group[b]])

@@ -1,15 +1,14 @@
-"""The safety filter: the velocities nearest to the desired ones that lead to no collision, a quadratic programme.
+"""The safety filter: the collision-free velocities nearest to the desired ones, by a QP.
 
-In every control step, of all twists of the rigid groups, and rates of the joints of arms that carry them, those are
-taken that
+In every control step, the twists of the rigid groups, and the joint rates of the arms that hold them,
 
     minimise    sum over the end effectors of |velocity - desired velocity|^2 + weight |rates - desired rates|^2
     such that   no point of a payload or end effector approaches an obstacle, the border or an end effector of another
-                body faster than the clearance that is left allows (a control barrier function, Ames et al., 2017; see
+                body faster than the remaining clearance allows (a control barrier function, Ames et al., 2017; see
                 `cbf_constraints`),
                 |velocity of an end effector| <= speed limit,
                 |velocity of an end effector - velocity before| <= acceleration limit x period,
-                and of arms, if there are any: what their `JointRows` ask.
+                and, with arms, the rows of their `JointRows` hold.
 
 The variables are the free velocities alone: rigid constraints, payloads that stay upright and end effectors at one
 height hold by construction. Distances are convex in the position, so that the linear rows are conservative. The balls
@@ -18,12 +17,12 @@ for accelerations: solutions inside are not changed, and one or two rows replace
 spatial problem would need. After every solution the exact step is computed, and every distance that it violates
 becomes a row.
 
-Where no twist is admissible, rows are relaxed in a strict order of priority. Limits of the hands come before
-clearances, these before margins for uncertainty, and obstacles towards which the load itself moves before those that
-move towards it. First only those rows are relaxed that ask for a retreat; then margins, for which an uncertain
-obstacle is entered a second time without its margin; then, where the load cannot brake in time, all clearances; the
-limits only where they contradict each other. Rows are relaxed by one slack for every body and obstacle, and the sum
-of the squares of the slacks is minimised.
+Where no twist is admissible, rows are relaxed in a strict order of priority. Limits of the end effectors come before
+clearances, these before margins for uncertainty, and obstacles towards which the payload itself moves before those
+that move towards it. First only those rows are relaxed that require a retreat; then margins, for which an uncertain
+obstacle is entered a second time without its margin; then, where the payload cannot brake in time, all clearances;
+the limits only where they contradict each other. Rows are relaxed by one slack for every body and obstacle, and the
+sum of the squares of the slacks is minimised.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ EQUAL = 5  # the solver's word for an equation
 
 
 class Allowed(NamedTuple):
-    """The velocities that are allowed in a control step.
+    """The admissible velocities of a control step.
 
     Attributes
     ----------
@@ -91,7 +90,7 @@ class JointState(NamedTuple):
     ----------
     position, before : arrays, shape (n_joints,), joints and their rates in the last step [rad, rad/s]
     wanted : array, shape (n_joints,), desired rates [rad/s]
-    bend : array, shape (n_joints,), what joints moved in the last step beyond the allowed rates, as end effectors go
+    bend : array, shape (n_joints,), motion of joints in the last step beyond the allowed rates, as end effectors go
         straight and joints round; the next step is assumed to do the same [rad/s]
     """
 
@@ -134,7 +133,7 @@ class JointRows(Protocol):
     ) -> int:
         """Write the fixed rows first, and others from row `m` on; return the number of rows.
 
-        Rows of `sighting` are those of the scene, and once more, without their margins, those of uncertain obstacles:
+        Obstacle rows are those of the scene, and once more, without their margins, those of uncertain obstacles:
         `same` has the scene's row of each.
         """
         ...
@@ -151,12 +150,12 @@ class FilterSettings:
         is for rotations and for several obstacles at once
     retreat_speed : largest speed with which a lost clearance is restored [m/s]
     n_points : points sampled on a body's longest edge, and equally dense ones on the others
-    turning_weight : weight of rotation that moves no hand, as a fraction of the load's extent squared
+    turning_weight : weight of rotation that moves no end effector, as a fraction of the payload's extent squared
     spare : distance kept on top of the scene's clearance [m]
     max_rounds : most rounds of solving and adding missing rows
     as_good : share of a slack by which further rounds may change it; tangents lie as far inside their balls
     margins_weight, clearances_weight, limits_weight : weights of the squared slack of margins for uncertainty, of
-        clearances and of limits of the hands, against the objective's squared velocities
+        clearances and of limits of the end effectors, against the objective's squared velocities
     """
 
     gain: float = 10.0
@@ -173,14 +172,14 @@ class FilterSettings:
 
 
 class SafetyFilter:
-    """A filter that computes the allowed velocities of one scene, step by step.
+    """The filter of a scene's velocities, step by step.
 
     Parameters
     ----------
-    scene : the scene whose payload, limits, clearance and constraints are kept; obstacles come with every call
+    scene : the scene that defines payload, limits, clearance and constraints; obstacles are passed with every call
     period : length of a control step [s]
     settings : see `FilterSettings`
-    joints : rows of the arms that carry the payload; none for free end effectors
+    joints : rows of the arms that hold the payload; none for free end effectors
     """
 
     def __init__(
@@ -237,7 +236,7 @@ class SafetyFilter:
         return int(self._freedom.basis.shape[2])
 
     def passing(self, factor: float) -> None:
-        """Assume braking that many times harder towards moving obstacles, which are predicted to pass by."""
+        """Assume braking `factor` times harder towards moving obstacles. They are predicted to pass by."""
         self._rates = self._rates._replace(passing=factor * self._rates.braking)
 
     def allowed(
@@ -248,7 +247,7 @@ class SafetyFilter:
         sighting: Sighting,
         joints: JointState = NO_JOINTS,
     ) -> Allowed:
-        """Return the allowed velocities of one control step.
+        """Return the admissible velocities of one control step.
 
         Parameters
         ----------
@@ -298,7 +297,7 @@ class SafetyFilter:
         return Allowed(twists, z[n:], relaxed if relaxed > TOLD else 0.0, blocking)
 
     def _leaning_rows(self, m: int, poses: HandPoses) -> int:
-        """Write a row for every body that must not lean too far, and return the number of rows."""
+        """Write a row for every upright body; return the number of rows."""
         for g, own, tilt in self._leaning:
             lean, slope = self._lean(g, matrices(poses.quaternion[g]) @ own)
             left = self._freedom.scale[g] * (tilt - lean) - RESERVE
@@ -306,9 +305,9 @@ class SafetyFilter:
         return m
 
     def _missing_leaning_rows(self, m: int, poses: HandPoses, x: Array) -> int:
-        """Write a row for every body that leans too far after the exact step of x; return the number of rows.
+        """Write a row for every body leaning too far after the step; return the number of rows.
 
-        What is admissible is a cone, whose tangent at the orientation after the step such a row is.
+        The admissible set is a cone, and the row its tangent at the orientation after the step.
         """
         for g, own, tilt in self._leaning:
             then, slope = self._lean(g, self._work.after.rotation[g] @ own)
@@ -319,8 +318,10 @@ class SafetyFilter:
         return m
 
     def _lean(self, g: int, up: Array) -> tuple[float, Array]:
-        """Return the angle of a direction of body g from the vertical [rad], and by how much the variables diminish
-        it, times the lever of the body's rotation; array, shape (n_variables,).
+        """Return a direction's angle [rad] from the vertical and its decreases.
+
+        The direction is one of body g. The decreases by the variables, array of shape (n_variables,), are multiplied
+        by the lever of the body's rotation.
         """
         about = np.array([-up[1], up[0], 0.0])  # it leans further as it turns about this
         sine = float(np.linalg.norm(about))
@@ -335,9 +336,9 @@ class SafetyFilter:
         return m + 1
 
     def _sampled_rows(self, m: int) -> int:
-        """Write a row for every constraint that nothing else holds, and return the number of rows.
+        """Write a row for every sampled constraint; return the number of rows.
 
-        Its error, whose slope is taken by differences, may not grow faster than what is left of its tolerance allows.
+        Its error, whose slope is computed by differences, may not grow faster than the rest of its tolerance allows.
         """
         work, n_dims = self._work, self.scene.n_dims
         now = work.nodes[: self._hands[0]]
@@ -360,7 +361,7 @@ class SafetyFilter:
     def _solved(
         self, m: int, gives_way: int, before: Array, rates: Array, margin: Array
     ) -> tuple[Array, Array, int]:
-        """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
+        """Return the solution with m rows, its multipliers, and the relaxation stage."""
         work = self._work
         if gives_way == HARD:
             z, _, flag, info = daqp.solve(
@@ -385,13 +386,13 @@ class SafetyFilter:
         return slower * np.concatenate([self._going_on(before), rates]), np.zeros(m), LIMITS
 
     def _going_on(self, before: Array) -> Array:
-        """Return the variables that keep the hands' velocities `before` best."""
+        """Return the variables that keep the end effectors' velocities `before` best."""
         n = self.n_variables
         flat, quadratic = self._work.hands.reshape(-1, n), self._work.quadratic[:n, :n]
         return np.asarray(np.linalg.solve(quadratic, flat.T @ before.ravel()), dtype=np.float64)
 
     def _within(self, x: Array, before: Array) -> Array:
-        """Return x reduced to the limits, for use where the rounds have run out.
+        """Return x reduced to the limits, once all rounds are used.
 
         It is a point between the variables that keep the present velocities and x.
         """
@@ -405,7 +406,7 @@ class SafetyFilter:
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
     def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
-        """Return the solution and its multipliers with rows relaxed, None where that is not enough.
+        """Return the solution and multipliers with relaxed rows, None without a solution.
 
         The slacks are written on the work.
         """
@@ -440,7 +441,7 @@ class SafetyFilter:
         return z[:n], info["lam"]
 
     def _are_granted(self, first: int, last: int, z: Array) -> bool:
-        """Return whether slacks of a solution that relaxes all cover further rows too: it would be found again."""
+        """Return whether a solution's slacks cover further rows too. It relaxes all and would be found again."""
         work, new = self._work, slice(first, last)
         owner, lacking = work.owner[new], work.low[new] - work.rows[new] @ z
         slack = work.slack[work.body[new], owner % work.slack.shape[1]]

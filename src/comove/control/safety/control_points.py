@@ -1,4 +1,4 @@
-"""Points of loads and hands that must not touch obstacles.
+"""Points of payloads and end effectors that must not touch obstacles.
 
 Sampled points detect most contacts, and those that are nearest now (`comove.geometry.closest_points`) detect more;
 the points that are nearest after a step are found from the step itself.
@@ -20,16 +20,17 @@ from comove.model.scene import Scene
 
 
 class LoadPoints(NamedTuple):
-    """The geometry that must not touch anything, in the frames of the rigid groups.
+    """The geometry to keep clear of obstacles, in the rigid groups' frames.
 
     Attributes
     ----------
-    group, point, radius : arrays, shapes (n_points,), (n_points, 3), (n_points,): points along the edges of the load,
-        its corners and the hands that are not the end of an edge, with the radius around each; lengths in metres
-    node_group, node_point, node_radius : arrays, group, position and radius of each node, hands first
-    edges, edge_radius : arrays, shapes (n_edges, 2), (n_edges,), nodes of the edges, whose ends are equal for a
+    group, point, radius : arrays, shapes (n_points,), (n_points, 3), (n_points,): points along the edges of the
+        payload, its corners and the end effectors that are not the end of an edge, with the radius around each;
+        lengths in metres
+    node_group, node_point, node_radius : arrays, group, position and radius of each keypoint, end effectors first
+    edges, edge_radius : arrays, shapes (n_edges, 2), (n_edges,), keypoints of the edges, whose ends are equal for a
         point, and radii
-    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes of the solids
+    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, keypoints of the solids
     reach : array, shape (n_groups,), distance of a group's centre from the farthest of its points, radius included
         [m]
     """
@@ -94,7 +95,7 @@ def load_points(scene: Scene, n_points: int) -> LoadPoints:
 
 
 def _on_faces(corners: Array, n_points: int) -> Array:
-    """Return a grid (n, 3) on the faces of a box, corners included [m].
+    """Return a grid (n, 3) on a box's faces, corners included [m].
 
     The box is given by its corners, array of shape (8, 3) [m].
     """
@@ -108,7 +109,7 @@ def _on_faces(corners: Array, n_points: int) -> Array:
 
 
 def _on_hull(corners: Array, n_points: int, few: int = 16) -> Array:
-    """Return the corners (n, 3) of a hull and, where they are at most `few`, points between them on its faces [m]."""
+    """Return a hull's corners and, if few, points between them [m]; array, shape (n, 3)."""
     hull = solid_hull_of(np.unique(corners, axis=0))
     if len(hull.vertices) > few:
         return hull.vertices
@@ -126,7 +127,7 @@ def _on_hull(corners: Array, n_points: int, few: int = 16) -> Array:
 
 @kernel
 def moved_obstacles(table: Array, velocity: Array, spin: Array, dt: float, moved: Array) -> None:
-    """Write in `moved` the table after `dt` [s] of constant velocities (n, 3) [m/s] and spins (n, 3) [rad/s]."""
+    """Write the table after `dt` [s] of constant velocities and spins; arrays, shape (n, 3) [m/s], [rad/s]."""
     turn = np.empty((3, 3))
     for j in range(table.shape[0]):
         for column in range(table.shape[1]):

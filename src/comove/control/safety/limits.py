@@ -1,6 +1,7 @@
-"""Limits of the end effectors in the safety filter: bounds of the length of velocities, accelerations and rotations.
+"""Limits of the end effectors in the safety filter.
 
-Each is a ball |M x - c| <= radius in the variables x, approximated by tangent planes where a solution leaves it.
+They bound the length of velocities, accelerations and rotations. Each is a ball |M x - c| <= radius in the variables
+x, approximated by tangent planes where a solution leaves it.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far out
 
 @kernel
 def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
-    """Set up the balls of speeds, accelerations and rotations; write tangents where the desired velocity is outside.
+    """Set up the balls of limits and write tangents; return the number of rows.
 
-    Returns the number of rows. A hand that moves on an arc needs a centripetal acceleration w^2 r, which is then not
-    available for braking, so rotations are bounded: where something is `near`, such that half of the acceleration is
-    left; otherwise such that the rotation can be kept up at all.
+    Tangents are written where the desired velocity is outside. An end effector that moves on an arc needs a
+    centripetal acceleration w^2 r, which is then not available for braking, so rotations are bounded: where an
+    obstacle is `near`, such that half of the acceleration is left; otherwise such that the rotation can be sustained
+    at all.
     """
     freedom, rates, work = qp.freedom, qp.rates, qp.work
     n_hands, balls = before.shape[0], work.balls
@@ -67,10 +69,7 @@ def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
 
 @kernel
 def broken_limits(qp: QP, m: int, x: Array) -> tuple[int, bool]:
-    """Write tangents to the balls that x is outside of.
-
-    Returns the number of rows and whether x is far outside of a ball.
-    """
+    """Write tangents to balls that x leaves. Return the number of rows, and whether x is far outside."""
     work = qp.work
     n, n_hands, n_balls = x.shape[0], work.hands.shape[0], work.balls.shape[0]
     y, far_out = np.empty(3), False
@@ -91,13 +90,11 @@ def broken_limits(qp: QP, m: int, x: Array) -> tuple[int, bool]:
 
 @kernel
 def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
-    """Write tangents to the balls that the hands' average velocities over the step are outside of.
+    """Write tangents to balls left by average velocities; return the number of rows.
 
-    Returns the number of rows.
-
-    The average velocity of a hand is its displacement to `work.after.nodes`, divided by `dt`. A hand turns within a
-    step, so this differs from its first velocity to second order, by an amount that is treated as constant until the
-    next round.
+    The average velocity of an end effector is its displacement to `work.after.nodes`, divided by `dt`. An end
+    effector turns within a step, so this differs from its first velocity to second order, by an amount that is
+    treated as constant until the next round.
     """
     work = qp.work
     n, n_hands = x.shape[0], work.hands.shape[0]
@@ -115,9 +112,10 @@ def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
 
 @kernel
 def _bound(qp: QP, b: int, n_hands: int, axis: int, c: int) -> float:
-    """Return the coefficient of variable c, along an axis, in the vector that ball `b` bounds.
+    """Return a variable's coefficient in the vector that ball `b` bounds.
 
-    The vector is the velocity of a hand, or the rotation of a group times its `spread` [m/s].
+    It is that of variable c, along an axis. The vector is the velocity of an end effector, or the rotation of a group
+    times its `spread` [m/s].
     """
     freedom, work = qp.freedom, qp.work
     if b < 2 * n_hands:
@@ -127,7 +125,7 @@ def _bound(qp: QP, b: int, n_hands: int, axis: int, c: int) -> float:
 
 @kernel
 def _tangent(qp: QP, m: int, b: int, y: Array, bend: Array) -> int:
-    """Write row m along the tangent plane of ball `b` towards y [m/s], if y is outside; return the number of rows.
+    """Write a ball's tangent towards y [m/s] outside it; return the number of rows.
 
     `bend` is the part of y that is not linear in the variables.
     """

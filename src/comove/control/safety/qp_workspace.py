@@ -1,4 +1,4 @@
-"""Arrays and parameters on which the kernels of the safety filter work, as named tuples."""
+"""Arrays and parameters of the safety filter's kernels, as named tuples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BORDER, HANDS, LIMIT = -1, -2, -3
 
 
 class Freedom(NamedTuple):
-    """The degrees of freedom of a scene's rigid groups, and the distances that they must keep.
+    """The degrees of freedom of a scene's rigid groups, and their separations.
 
     Attributes
     ----------
@@ -24,10 +24,11 @@ class Freedom(NamedTuple):
         turns are rewritten with its direction
     axis : array of int, shape (n_groups,), the first of the two variables that turn an axis in space; -1 for others
     scale : array, shape (n_groups,), length by which a variable that turns is divided [m]
-    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: cost of rotation that hardly moves the hands
-    spread : array, shape (n_groups,), largest distance of a hand from the middle of its group's hands [m]
-    lever : array, shape (n_groups,), upper bound of the ratio of a point's speed to that of the hands
-    pairs : array of int, shape (n_pairs, 2), pairs of hands that must stay apart
+    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: cost of rotation that hardly moves the end
+        effectors
+    spread : array, shape (n_groups,), largest distance of an end effector from the middle of its group's [m]
+    lever : array, shape (n_groups,), upper bound of the ratio of a point's speed to that of the end effectors
+    pairs : array of int, shape (n_pairs, 2), pairs of end effectors that must stay apart
     apart : array, shape (n_pairs,), least distances of these pairs [m]
     lower, upper : arrays, shape (3,), the workspace [m]
     """
@@ -51,11 +52,11 @@ class Rates(NamedTuple):
     ----------
     period : length of a control step [s]
     gain : approach speed per distance [1/s]
-    braking : deceleration that is assumed for approaching bodies [m/s^2]
-    passing : the same, in place of it, towards what moves; larger while that is foreseen to pass by [m/s^2]
+    braking : assumed deceleration of approaching bodies [m/s^2]
+    passing : likewise towards moving obstacles; larger while they are predicted to pass by [m/s^2]
     retreat : largest speed with which a lost clearance is restored [m/s]
-    speed, acceleration : limits of every hand [m/s], [m/s^2]
-    clearance : required clearance: the scene's and what is kept on top of it [m]
+    speed, acceleration : limits of every end effector [m/s], [m/s^2]
+    clearance : required clearance: the scene's and a reserve [m]
     """
 
     period: float
@@ -69,7 +70,7 @@ class Rates(NamedTuple):
 
 
 class Sighting(NamedTuple):
-    """The obstacles at an instant, as they are seen.
+    """The obstacle states at an instant.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ class Sighting(NamedTuple):
 
     @classmethod
     def still(cls, scene: Scene) -> Sighting:
-        """Return the obstacles of a scene at their positions in its file, at rest and known exactly."""
+        """Return a scene's obstacles at rest, exactly at their file positions."""
         n = len(scene.obstacles)
         return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
 
@@ -118,7 +119,7 @@ class QPWorkspace(NamedTuple):
     rows, low : arrays, shapes (n_rows, n + n_joints), (n_rows,), the constraints ``rows z >= low``
     owner, body : arrays of int, shape (n_rows,): the obstacle, `BORDER`, `HANDS` or `LIMIT` that requires a row; the
         group that it constrains
-    hands : array, shape (n_hands, 3, n), velocities of the hands per unit of the variables
+    hands : array, shape (n_hands, 3, n), velocities of the end effectors per unit of the variables
     rotation, nodes, points : arrays, shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3), at the start of the step
     after : the state after the step
     left : array, shape (n_edges + n_solids, n_obstacles), clearances h at the start of the step [m]
@@ -146,11 +147,11 @@ class QPWorkspace(NamedTuple):
 
 
 class QP(NamedTuple):
-    """All that the kernels of the quadratic programme share.
+    """The data shared by the kernels of the quadratic programme.
 
     Attributes
     ----------
-    points : the geometry that must not touch anything
+    points : the geometry to keep clear
     freedom : the degrees of freedom of the groups
     rates : limits and rates
     work : work arrays
@@ -171,7 +172,7 @@ def empty_workspace(
     n_more: int = 0,
     n_joints: int = 0,
 ) -> QPWorkspace:
-    """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows.
+    """Return work arrays for a table's shape. They hold `n_rounds` rounds of missing rows.
 
     `n_more` rows are for sampled constraints, for bodies that may lean, and for arms.
     """

@@ -1,4 +1,4 @@
-"""Poses and twists of a scene's rigid groups, and the exact step from one pose to the next.
+"""Poses and twists of rigid groups, and the exact step between poses.
 
 A twist is (v, w): velocity of the group's centre and angular velocity, both along the axes of the world. Held over
 a time t it moves a body exactly by ``c(t) = c + v t``, ``R(t) = exp([w] t) R`` (Lynch & Park, Modern Robotics, 2017,
@@ -27,7 +27,7 @@ STAYS, POINTS, TURNS = range(3)
 
 
 class Nodes(NamedTuple):
-    """The nodes of a scene, hands in their order and then corners of the load, each with its group and place in it.
+    """The keypoints of a scene: end effectors in order, then payload corners. Each has a group and a position in it.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Nodes(NamedTuple):
 
 @lru_cache(maxsize=16)
 def group_nodes(scene: Scene) -> Nodes:
-    """Return the nodes of a scene as parts of its groups."""
+    """Return the keypoints of a scene as parts of its groups."""
     group, point = np.zeros(scene.body.n_nodes, dtype=np.int64), np.zeros((scene.body.n_nodes, 3))
     for g, own in enumerate(scene.nodes_of_groups):
         group[own], point[own] = g, scene.groups[g].points
@@ -51,12 +51,12 @@ def group_nodes(scene: Scene) -> Nodes:
 
 
 def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> HandPoses:
-    """Return the poses of the groups at the start or goal of the scene, or those nearest to given hands.
+    """Return the groups' poses at an end, or nearest to end effectors.
 
     Parameters
     ----------
-    hands_or_end : "start", "goal", or array, shape (n_manipulators, n_dims), hands [m]. Where hands on one line do
-        not determine the roll about it, the roll is that of the smallest rotation from the start.
+    hands_or_end : "start", "goal", or array, shape (n_manipulators, n_dims), end effectors [m]. Where end effectors
+        on one line do not determine the roll about it, the roll is that of the smallest rotation from the start.
     """
     if isinstance(hands_or_end, str):
         found = [(p.center, p.rotation) for p in (getattr(g, hands_or_end) for g in scene.groups)]
@@ -71,7 +71,7 @@ def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> HandPoses:
 
 
 def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
-    """Return centre and rotation of a group from its hands, array of shape (n_members, 3) [m]."""
+    """Return a group's centre and rotation from end effectors; array, shape (n_members, 3) [m]."""
     if group.orientation == "space" and orientation_of(group.grasps, 3) == "axis":
         before = group.start.place(group.grasps)
         lines = [points[-1] - points[0] for points in (before, hands)]
@@ -82,7 +82,7 @@ def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
 
 
 def nodes_of(scene: Scene, poses: HandPoses) -> Array:
-    """Return the nodes at given poses; array, shape (n_nodes, 3), hands first, then corners of the load [m]."""
+    """Return the keypoints at given poses; array, shape (n_nodes, 3) [m], end effectors first."""
     nodes = group_nodes(scene)
     placed = np.empty_like(nodes.point)
     place(nodes.group, nodes.point, poses.center, turns(poses.quaternion), placed)
@@ -102,7 +102,7 @@ def advanced(poses: HandPoses, twists: Array, dt: float) -> HandPoses:
 
 
 def hand_velocities(scene: Scene, poses: HandPoses, twists: Array) -> Array:
-    """Return the velocities of the hands; array, shape (n_manipulators, 3), [m/s].
+    """Return the velocities of the end effectors; array, shape (n_manipulators, 3), [m/s].
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def hand_velocities(scene: Scene, poses: HandPoses, twists: Array) -> Array:
 def twists_between(scene: Scene, here: HandPoses, there: HandPoses, duration: float) -> Array:
     """Return the constant twists that lead from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
 
-    A body whose roll about the line of its hands is free does not roll.
+    A body whose roll about the line of its end effectors is free does not roll.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _turning(scene: Scene) -> Integers:
 
 @kernel
 def exponential_at(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """Return the unit quaternion (w, x, y, z) of one rotation vector [rad]."""
+    """Return a rotation vector's [rad] unit quaternion (w, x, y, z)."""
     angle = 0.5 * sqrt(x * x + y * y + z * z)
     factor = 0.5 * (sin(angle) / angle if angle > 1e-4 else 1.0 - angle * angle / 6.0)
     return cos(angle), factor * x, factor * y, factor * z
@@ -148,7 +148,7 @@ def exponential_at(x: float, y: float, z: float) -> tuple[float, float, float, f
 def step(
     center: Array, quaternion: Array, twists: Array, dt: float, next_center: Array, next_quaternion: Array
 ) -> None:
-    """Write the poses after `dt` [s] of constant twists in the last two arrays."""
+    """Write the poses after `dt` [s] of constant twists."""
     for g in range(center.shape[0]):
         for axis in range(3):
             next_center[g, axis] = center[g, axis] + dt * twists[g, axis]
@@ -163,7 +163,7 @@ def step(
 
 @kernel
 def turn_into(w: float, x: float, y: float, z: float, rotation: Array) -> None:
-    """Write the matrix of a unit quaternion in `rotation`, array of shape (3, 3)."""
+    """Write the matrix of a unit quaternion in `rotation`, shape (3, 3)."""
     rotation[0, 0], rotation[0, 1], rotation[0, 2] = (
         1 - 2 * (y * y + z * z),
         2 * (x * y - w * z),
@@ -192,7 +192,7 @@ def turns(quaternion: Array) -> Array:
 
 @kernel
 def place(group: Integers, point: Array, center: Array, rotation: Array, placed: Array) -> None:
-    """Write in `placed` the positions in the world of points (n, 3) in the groups' frames [m]."""
+    """Write the world positions of points (n, 3) in groups' frames [m]."""
     for i in range(point.shape[0]):
         turn, x, y, z = rotation[group[i]], point[i, 0], point[i, 1], point[i, 2]
         for axis in range(3):
@@ -203,7 +203,7 @@ def place(group: Integers, point: Array, center: Array, rotation: Array, placed:
 
 @kernel
 def velocities_into(group: Integers, point: Array, rotation: Array, twists: Array, velocities: Array) -> None:
-    """Write in `velocities` the velocities of the first points (n, 3) in the groups' frames [m/s]."""
+    """Write the velocities of the first points in groups' frames [m/s]. The points have the shape (n, 3)."""
     for i in range(velocities.shape[0]):
         turn, twist = rotation[group[i]], twists[group[i]]
         x = turn[0, 0] * point[i, 0] + turn[0, 1] * point[i, 1] + turn[0, 2] * point[i, 2]
@@ -216,7 +216,7 @@ def velocities_into(group: Integers, point: Array, rotation: Array, twists: Arra
 
 @kernel
 def _first_axis(q: Array) -> tuple[float, float, float]:
-    """Return the first column of the matrix of a unit quaternion."""
+    """Return the first column of a unit quaternion's matrix."""
     return (
         1 - 2 * (q[2] * q[2] + q[3] * q[3]),
         2 * (q[1] * q[2] + q[0] * q[3]),
@@ -234,7 +234,7 @@ def twists_into(
     duration: float,
     twists: Array,
 ) -> None:
-    """Write in `twists` the constant twists that lead from some poses to others."""
+    """Write the constant twists that lead from some poses to others."""
     for g in range(center.shape[0]):
         for axis in range(3):
             twists[g, axis] = (next_center[g, axis] - center[g, axis]) / duration

@@ -1,1 +1,1 @@
-"""The optimisation of motions by a sequence of convex quadratic programmes with linearised clearances."""
+"""Optimisation of motions by convex quadratic programmes with linearised clearances."""

@@ -1,7 +1,7 @@
-"""Contacts: the places along a movement at which the load is near to something, found by numba kernels.
+"""Contacts: the places of a movement where the payload is near obstacles.
 
-A movement is checked at even samples, and between them where it is nearest. Every contact is a point of the load, the
-direction away from the obstacle, and the distance: the data of a linearised clearance.
+A movement is checked at even samples, and between them where it is nearest. Every contact is a point of the payload,
+the direction away from the obstacle, and the distance: the data of a linearised clearance.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ SAMPLE, TAU, BLOCK, OTHER, PLACE, NORMAL, MATE, DISTANCE, OWNER, N_FIELDS = 0, 1
 
 
 class MovedLoad(NamedTuple):
-    """A load among its surroundings, and the coordinates that move it.
+    """A payload among its surroundings, and the coordinates that move it.
 
     Attributes
     ----------
-    around : load and all that it must not touch
+    around : payload and its obstacles
     block : array of int, shape (n_nodes,), block of the coordinates that moves each node
     n_owners : number of obstacles; as owners of contacts, the border and the separations follow them
     """
@@ -62,7 +62,7 @@ class Transit(NamedTuple):
 
     Attributes
     ----------
-    load : the load and its surroundings
+    load : the payload and its surroundings
     nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
     moved : displacements of the obstacles at the samples; none if nothing moves
     way : array, shape (n_samples,), sum, since the first sample, of the largest displacement of any node [m]
@@ -75,7 +75,7 @@ class Transit(NamedTuple):
 
 
 def moved_load(scene: Scene, coordinates: Coordinates) -> MovedLoad:
-    """Return the load of a scene, as its coordinates move it, and everything around it."""
+    """Return a scene's payload with its surroundings, as coordinates move it."""
     blocks = coordinates.blocks
     block = np.zeros(len(blocks.node), dtype=np.int64)
     for b in range(len(blocks.kind)):
@@ -95,7 +95,7 @@ def find_contacts(load, nodes, moved, cutoff, found, least):
     moved : Displacements of the obstacles at the samples; none if nothing moves
     found : array, shape (n_most, N_FIELDS); n_most = 0 if only `least` is needed
     least : array, shape (n_owners + 2,), into which are written the least distance from each obstacle,
-        from the border, and of hands beyond their separation [m], each at most `cutoff`
+        from the border, and of end effectors beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
     around, transit = load.around, Transit(load, nodes, moved, _way(nodes))
@@ -128,7 +128,7 @@ def find_contacts(load, nodes, moved, cutoff, found, least):
 
 @kernel
 def _way(nodes):
-    """Return the sum, since the first sample, of the largest displacement of any node; array, shape (n_samples,)."""
+    """Return the summed largest displacement of any keypoint; array, shape (n_samples,)."""
     way = np.zeros(nodes.shape[0])
     for s in range(1, nodes.shape[0]):
         moved = 0.0
@@ -153,7 +153,7 @@ def _kept(s, distance, nearest):
 
 @kernel(counted=False)
 def _written(contact, found, n):
-    """Append a contact where there is room; return the new number of contacts."""
+    """Append a contact if there is space; return the number of contacts."""
     if n == found.shape[0]:
         return n
     for field in range(N_FIELDS):  # assigning the array would take a second more to compile
@@ -163,7 +163,7 @@ def _written(contact, found, n):
 
 @kernel(counted=False)
 def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
-    """Write the distance of a part from a thing at every sample, and the nearest places between samples.
+    """Write a part's distances from a thing, and nearest places between samples.
 
     Returns
     -------
@@ -211,16 +211,15 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
 
 @kernel(counted=False)
 def _instant(s, tau):
-    """Return a place between samples as an instant: two samples, and the share of the time between them."""
     return s, s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
 
 
 @kernel(counted=False)
 def _look(transit, part, thing, row, s, tau, cutoff, points):
-    """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
+    """Return a part's distance [m] from a thing, at most `cutoff`.
 
-    Written into `points` are the corners of the part, as seen from the thing, then the nearest point, and, for a
-    mesh, its direction from the thing.
+    Written into `points` are the corners of the part in the thing's frame, then the nearest point, and, for a mesh,
+    its direction from the thing.
     """
     around, nodes, instant = transit.load.around, transit.nodes, _instant(s, tau)
     n_corners, (_, t, w) = count_corners(around, part), instant
@@ -237,7 +236,7 @@ def _look(transit, part, thing, row, s, tau, cutoff, points):
 
 @kernel(counted=False)
 def _describe(transit, part, thing, row, s, tau, points, contact):
-    """Write the contact that `_look` has just found, except its distance and owner."""
+    """Write the contact that `_look` found, except distance and owner."""
     around, place, normal = transit.load.around, contact[PLACE : PLACE + 3], contact[NORMAL : NORMAL + 3]
     for axis in range(3):
         place[axis], normal[axis] = points[points.shape[0] - 2, axis], points[points.shape[0] - 1, axis]
@@ -250,7 +249,7 @@ def _describe(transit, part, thing, row, s, tau, points, contact):
 
 @kernel(counted=False)
 def _ends(transit, part, thing, row, cutoff, contact, found, n):
-    """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
+    """Write contacts of a part's near corners; return the number of contacts. The nearest point is left out."""
     around, nodes, moved = transit.load.around, transit.nodes, transit.moved
     place, normal, obstacles = contact[PLACE : PLACE + 3], contact[NORMAL : NORMAL + 3], around.obstacles
     instant, a, b, c = _instant(int(contact[SAMPLE]), contact[TAU]), place[0], place[1], place[2]
@@ -274,7 +273,7 @@ def _ends(transit, part, thing, row, cutoff, contact, found, n):
 
 @kernel(counted=False)
 def _border(load, nodes, cutoff, contact, found, least, n):
-    """Write contacts with the border of the workspace; return the new number of contacts."""
+    """Write contacts with the workspace border; return the number of contacts."""
     contact[TAU], contact[OTHER], contact[OWNER] = 0.0, -1, load.n_owners
     for s in range(1, nodes.shape[0] - 1):
         for i in range(nodes.shape[1]):
@@ -297,7 +296,7 @@ def _border(load, nodes, cutoff, contact, found, least, n):
 
 @kernel(counted=False)
 def _apart(load, nodes, cutoff, contact, found, least, n):
-    """Write contacts of hands that must stay apart; return the new number of contacts."""
+    """Write contacts of end effectors that must stay apart; return the number of contacts."""
     contact[TAU], contact[OWNER] = 0.0, load.n_owners + 1
     around = load.around
     for k in range(around.separations.shape[0]):
@@ -323,7 +322,7 @@ def _apart(load, nodes, cutoff, contact, found, least, n):
 
 @kernel
 def spins(blocks, b, q, turns):
-    """Write the angular velocities in space that unit rates of a block's orientation columns cause.
+    """Write the angular velocities of unit rates of a block's orientation.
 
     Parameters
     ----------
@@ -363,7 +362,7 @@ def spins(blocks, b, q, turns):
 
 @kernel
 def _slope(blocks, b, q, point, normal, sign, slope, turns):
-    """Add to `slope`, (n_columns,), the derivatives by each column of a block's point along `normal`."""
+    """Add the derivatives of a block's point along `normal` to `slope`. Its shape is (n_columns,)."""
     width = spins(blocks, b, q, turns)
     x, y, z = point[0] - q[blocks.center[b, 0]], point[1] - q[blocks.center[b, 1]], point[2]
     if blocks.n_dims == 3:
@@ -377,7 +376,7 @@ def _slope(blocks, b, q, point, normal, sign, slope, turns):
 
 @kernel
 def linearised(blocks, contacts, q, off, shape, rows, distance):
-    """Write distances as linear functions ``distance + rows dz`` of a change of the shape weights.
+    """Write distances as linear functions of the weights, ``distance + rows dz``.
 
     Parameters
     ----------
@@ -411,11 +410,11 @@ def linearised(blocks, contacts, q, off, shape, rows, distance):
 
 @kernel
 def hand_slopes(blocks, block, nodes, q, n_hands):
-    """Return the derivatives of the hands by each column; array, shape (n_samples, n_hands, n_dims, n_columns).
+    """Return the end effectors' derivatives by column; array, shape (n_samples, n_hands, n_dims, n_columns).
 
     Parameters
     ----------
-    block : array of int, shape (n_nodes,), block that moves each node
+    block : array of int, shape (n_nodes,), block that moves each keypoint
     nodes : array, shape (n_samples, n_nodes, 3) [m]
     q : array, shape (n_samples, n_columns)
     """

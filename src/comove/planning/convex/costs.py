@@ -1,4 +1,4 @@
-"""The costs of motions as sums of squares: least jerk, near to a demonstration or without, and equation (4)."""
+"""The costs of motions as sums of squares: jerk, deviation, and equation (4)."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ N_SAMPLES = 101
 
 
 class Pulling(Protocol):
-    """An objective that says how much a deviation from a demonstration counts (`LeastJerk`)."""
+    """An objective with a weight of the deviation from a demonstration."""
 
     def pull(self, taught: bool) -> float: ...
 
 
 class Moves(NamedTuple):
-    """The derivatives of the hands by variables: each is the weight of a basis function in a column.
+    """The derivatives of end effectors by the weights of basis functions.
 
     Attributes
     ----------
-    slopes : array, shape (n_samples, n_hands * n_dims, n_columns), derivatives of the hands by the columns
+    slopes : array, shape (n_samples, n_hands * n_dims, n_columns), derivatives of the end effectors by the columns
     shape : array, shape (n_samples, n_basis), values of the basis functions
-    even : array of bool, shape (n_columns,), whether a column moves the hands alike at all samples
+    even : array of bool, shape (n_columns,), whether a column moves the end effectors alike at all samples
     """
 
     slopes: Array
@@ -39,7 +39,7 @@ class Moves(NamedTuple):
 
 
 class Term(NamedTuple):
-    """A sum of squares of ``scale (D P hands - target)``, where D takes differences in time.
+    """A sum of squares of ``scale (D P hands - target)``. D takes differences in time.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Term(NamedTuple):
         return self.scale * (differences(hands, self.order) - self.target)
 
     def normal_equations(self, hands: Array, moves: Moves) -> tuple[Array, Array]:
-        """Return what `SumOfSquares.normal_equations` sums."""
+        """Return the summands of `SumOfSquares.normal_equations`."""
         slopes, shape, even = moves
         if self.precision is not None:
             slopes, even = self.precision @ slopes, np.zeros_like(even)
@@ -87,7 +87,7 @@ class Term(NamedTuple):
 
 
 class SumOfSquares(ABC):
-    """A cost that is a sum of squares of the hands at even samples of a motion, plus a cost of its pace."""
+    """A sum of squares of sampled end effectors, plus their time."""
 
     haste: float
     """Cost of a pace of 1, as `Limits.pace` counts; 0 if limits must be kept in the given duration."""
@@ -97,7 +97,7 @@ class SumOfSquares(ABC):
         """Return the sums of squares whose sum it is."""
 
     def value(self, hands: Array) -> float:
-        """Return the sum for hands, array of shape (n_samples, n_hands * n_dims)."""
+        """Return the sum for end effectors; `hands` has the shape (n_samples, n_hands * n_dims)."""
         return float(sum((term.residuals(hands) ** 2).sum() for term in self.terms(len(hands))))
 
     def normal_equations(self, hands: Array, moves: Moves) -> tuple[Array, Array]:
@@ -119,14 +119,14 @@ class SumOfSquares(ABC):
 
 @dataclass(frozen=True, eq=False)
 class JerkCost(SumOfSquares):
-    """The integral of the squared jerk of all hands, relative to that of straight motions of least jerk.
+    """The squared jerk of end effectors, relative to straight minimum-jerk motions.
 
     With a demonstration, the jerk is that of the deviation from it, and `pull` times the mean squared deviation,
-    divided by `way` squared, is added; with a distribution, deviations are weighted by its precision at each instant.
+    divided by `way` squared, is added; with a distribution, its precision weights deviations at each instant.
 
     Attributes
     ----------
-    way : root of the summed squared distances of all hands from start to goal [m]
+    way : root of the summed squared distances of all end effectors from start to goal [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], None without one
     pull : weight of the deviation from the demonstration
     precision : array, shape (n_samples, n_hands * n_dims, n_hands * n_dims), root of the relative precision (see
@@ -157,12 +157,12 @@ class JerkCost(SumOfSquares):
 
 @dataclass(frozen=True, eq=False)
 class Anchored(SumOfSquares):
-    """A cost to which the deviation of the hands from their planned positions is added.
+    """A cost plus the deviation of end effectors from planned positions.
 
     Attributes
     ----------
     cost : cost without the addition
-    anchor : array, shape (n_samples, n_hands * n_dims), planned positions of the hands [m]
+    anchor : array, shape (n_samples, n_hands * n_dims), planned positions of the end effectors [m]
     pull : weight of the deviation, as in `JerkCost`
     """
 
@@ -183,12 +183,12 @@ class Anchored(SumOfSquares):
 
 @dataclass(frozen=True, eq=False)
 class PaperSquares(SumOfSquares):
-    """J of the hands, without its term of obstacles, which are constraints here.
+    """J without its obstacle term, as obstacles are constraints here.
 
     Attributes
     ----------
     weights : c_goal, c_vel and c_res
-    goal : array, shape (n_hands * n_dims,), goal of the hands [m]
+    goal : array, shape (n_hands * n_dims,), goal of the end effectors [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], if resemblance to it counts; else None
     haste : 0, as J does not depend on the duration
     """
@@ -216,8 +216,8 @@ def squares(
 
     Parameters
     ----------
-    demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every hand [m], where
-        n_steps - 1 is a multiple of n_samples - 1; None without one
+    demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every end effector [m],
+        where n_steps - 1 is a multiple of n_samples - 1; None if there is none
     precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `planning.resemblance`; None for none
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)
@@ -234,7 +234,7 @@ def jerk_cost(
     demonstration: Array | None,
     precision: Array | None = None,
 ) -> float:
-    """Return the value of the objective for a motion; `demonstration` and `precision` as in `squares`."""
+    """Return a motion's objective; `demonstration` and `precision` as in `squares`."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_SAMPLES))[0].reshape(N_SAMPLES, -1)
     return squares(motion.scene, objective, demonstration, precision=precision).value(hands)
 
@@ -253,7 +253,7 @@ def n_differences(order, n_samples):
 
 @kernel
 def stencil(order, row, n_samples):
-    """Return the first sample, the number of samples and the sign of a row of `differences`."""
+    """Return first sample, sample count and sign of a row of `differences`."""
     if order < 3:
         return row, order + 1, 1.0
     if row == 0:
@@ -289,7 +289,7 @@ def differences(y, order):
 
 @kernel
 def _moved(slopes, shape, columns, alike, order, scale):
-    """Return the derivatives of a term's residuals by the weights of some columns.
+    """Return derivatives of a term's residuals by the weights of columns.
 
     Parameters
     ----------

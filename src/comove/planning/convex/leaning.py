@@ -1,4 +1,4 @@
-"""Bodies that must stay near upright, as distances and their derivatives for the quadratic programmes."""
+"""Upright bodies, as distances and derivatives for the quadratic programmes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Leaning:
         return cls(coordinates.blocks, blocks, reach, found.spare(boundary[[0, 2]]).min(axis=0))
 
     def required(self, margin: float) -> Array:
-        """Return the distances that are required, less where the ends have less; array, shape (n,) [m]."""
+        """Return the required distances, less where the ends have less; array, shape (n,) [m]."""
         return np.minimum(margin, self.at_ends - ROUGH)
 
     def spare(self, q: Array) -> Array:
@@ -54,7 +54,7 @@ class Leaning:
         return self.linear(q)[0] if len(self.blocks) else np.zeros((len(q), 0))
 
     def linear(self, q: Array) -> tuple[Array, Array]:
-        """Return these distances, and their derivatives by q, 0 where nothing is near.
+        """Return these distances and their derivatives by q. Derivatives are 0 where nothing is near.
 
         Arrays, shapes (n_samples, n) [m] and (n_samples, n, n_columns).
         """

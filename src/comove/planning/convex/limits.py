@@ -1,4 +1,4 @@
-"""Limits of the hands' speed, acceleration and jerk, their linearisation, and the pace that they allow."""
+"""Limits of the end effectors' speed, acceleration and jerk, and their linearisation."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from comove.planning.convex.costs import STENCILS, Moves, differences, n_differe
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of the hands for a movement in unit duration.
+    """The limits of end effectors for a movement in unit duration.
 
     Attributes
     ----------
-    n_dims : number of dimensions of a hand
+    n_dims : number of dimensions of an end effector
     values : limits of speed, acceleration and jerk, inf where there is none
     shares : shares of these that are kept to: samples miss the peaks
     """
@@ -32,7 +32,7 @@ class Limits:
 
     @classmethod
     def of(cls, scene: Scene, duration: float) -> Limits:
-        """Return the limits of a scene for a movement of a duration [s], scaled to unit duration."""
+        """Return a scene's limits for a duration [s], scaled to unit duration."""
         return cls(
             scene.n_dims,
             (
@@ -43,14 +43,14 @@ class Limits:
         )
 
     def stricter(self, exceeded: tuple[float, float, float], more: float = 1.003) -> Limits:
-        """Return lower limits, divided by the ratios by which a motion exceeded them, and by a little `more`."""
+        """Return limits divided by the exceeded ratios, and by a little `more`."""
         speed, acceleration, jerk = (
             value / max(1.0, more * ratio) for value, ratio in zip(self.values, exceeded, strict=True)
         )
         return replace(self, values=(speed, acceleration, jerk))
 
     def pace(self, hands: Array) -> float:
-        """Return the least number of durations that a movement needs to keep the limits; 0 without limits.
+        """Return the number of durations in which a movement keeps the limits. It is 0 without limits.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class Limits:
 
         Parameters
         ----------
-        moves : derivatives of the hands by n variables
+        moves : derivatives of the end effectors by n variables
         pace : number of durations that the movement takes
         """
         finite = [(order, share * value) for order, share, value in self._finite()]
@@ -76,12 +76,11 @@ class Limits:
         return LinearLimits(self.n_dims, np.ascontiguousarray(hands), moves, orders, values, pace)
 
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
-        """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""
+        """Yield the order of each limited rate and its ratios; arrays, shape (n, n_hands)."""
         for order, share, value in self._finite():
             yield order, _sizes(differences(hands, order), self.n_dims) / (share * value)
 
     def _finite(self) -> Iterator[tuple[int, float, float]]:
-        """Yield order, share that is kept to, and value of every finite limit."""
         for order, (share, value) in enumerate(zip(self.shares, self.values, strict=True), start=1):
             if value < np.inf:
                 yield order, share, value
@@ -89,7 +88,7 @@ class Limits:
 
 @kernel
 def _sizes(rates, n_dims):
-    """Return the norms of the rates of hands, array of shape (n, n_hands * n_dims); array, shape (n, n_hands)."""
+    """Return the norms of rates (n, n_hands * n_dims); array, shape (n, n_hands)."""
     sizes = np.zeros((rates.shape[0], rates.shape[1] // n_dims))
     for row in range(sizes.shape[0]):
         for hand in range(sizes.shape[1]):
@@ -100,13 +99,15 @@ def _sizes(rates, n_dims):
 
 
 class LinearLimits(NamedTuple):
-    """Linearised rates, whose norms may reach ``(pace + dp)^order`` times their limit if the pace grows by dp.
+    """Linearised rates, whose limits depend on the pace.
+
+    If the pace grows by dp, the limits are ``(pace + dp)^order`` times as large.
 
     Attributes
     ----------
-    n_dims : number of dimensions of a hand
+    n_dims : number of dimensions of an end effector
     hands : array, shape (n_samples, n_hands * n_dims) [m]
-    moves : derivatives of the hands by the variables
+    moves : derivatives of the end effectors by the variables
     orders, values : arrays, shape (n_limits,), orders of the limited rates, and their limits
     pace : number of durations that the movement takes
     """
@@ -119,7 +120,7 @@ class LinearLimits(NamedTuple):
     pace: float
 
     def cuts(self, dz: Array, dp: float, share: float) -> tuple[Array, Array]:
-        """Return half-spaces that contain all changes within the limits, for rates above a share of them at a trial.
+        """Return half-spaces for rates above a share of their limits. They contain all admissible changes.
 
         Returns
         -------

@@ -1,8 +1,8 @@
-"""Sequential quadratic programming of motions, with warps of time between the steps.
+"""Sequential quadratic programming of motions, with warps of time between steps.
 
 The cost is a sum of squares whose residuals are linearised in the shape weights (Gauss-Newton); distances are
-linearised too. A step is judged by its trial point: contacts that are too near there are linearised and added to the
-programme, before the step is shortened. A trust region bounds the change of configurations at even times.
+linearised too. A step is evaluated at its trial point: contacts that are too near there are linearised and added to
+the programme, before the step is shortened. A trust region bounds the change of configurations at even times.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ConvexOutcome:
     Attributes
     ----------
     z : array, shape (n_columns * n_basis,), shape weights
-    value : value of the cost, raised where obstacles are nearer than wished for
+    value : value of the cost, raised where obstacles are nearer than the soft clearance
     missed : amounts by which margins and limits are missed beyond the tolerance, summed [m]
     iterations, programmes : numbers of steps tried and of quadratic programmes solved
     """
@@ -52,7 +52,7 @@ def optimise(
     over: Callable[[], bool] = lambda: False,
     known: float = np.inf,
 ) -> ConvexOutcome:
-    """Optimise shape weights until steps bring no gain, or another motion is most likely to stay better.
+    """Optimise shape weights until steps bring no gain. Stop earlier if another motion is likely to stay better.
 
     Parameters
     ----------
@@ -111,18 +111,18 @@ def optimise(
 
 
 class Stand(NamedTuple):
-    """The current point of the optimisation, and the model of the problem there.
+    """The current point of the optimisation, and the problem's model there.
 
     Attributes
     ----------
     z : array, shape (n_columns * n_basis,), shape weights
     value : value of the cost
-    wish : share of the wish for clearance that is not met, squared and summed over obstacles
+    wish : unmet share of the soft clearance, squared and summed over obstacles
     gradient : gradient of half the cost in the variables w, ``dz = whiten' w``, in which its Hessian is the identity
     whiten : array, shape (n_columns * n_basis, n_columns * n_basis)
     seen : the movement about which clearances are linearised, and its contacts
     off : array, shape (n_samples, n_columns), configurations of `seen` less those of `z`
-    limits : linearised limits of the hands
+    limits : linearised limits of the end effectors
     pace : number of durations in which limits are kept; 1 if the duration is given
     missed : amounts by which margins and limits are missed beyond the tolerance, summed [m]; inf if not computed
     """
@@ -145,7 +145,8 @@ class Step(NamedTuple):
     Attributes
     ----------
     dz : array, shape (n_columns * n_basis,), change of the shape weights
-    own, hands : cost after the step, and array, shape (n_samples, n_hands * n_dims), hands at coarse samples then [m]
+    own, hands : cost after the step, and array, shape (n_samples, n_hands * n_dims), end effectors at coarse samples
+        then [m]
     value : cost after the step, plus the price of the change of `Stand.wish`
     missed : amounts by which margins and limits are missed after the step [m]
     seen : movement after the step, and its contacts
@@ -174,7 +175,7 @@ def stand(
     radius: float,
     reference: Array | None = None,
 ) -> Stand:
-    """Evaluate and linearise the problem at weights `z`; clearances at a `reference` near to them, if given."""
+    """Evaluate and linearise the problem at weights `z`. Clearances are those at a near `reference`, if given."""
     q = p.coarse.q(z)
     nodes, hands = p.hands(q)
     moves = p.moves_of_hands(q, nodes)
@@ -197,7 +198,7 @@ def stand(
 
 @kernel
 def inverse_of_lower(lower):
-    """Return the inverse of a lower triangular matrix, array of shape (n, n)."""
+    """Return the inverse of a lower triangular matrix; array, shape (n, n)."""
     inverse = np.zeros_like(lower)
     for i in range(lower.shape[0]):
         for k in range(i):
@@ -210,7 +211,7 @@ def inverse_of_lower(lower):
 
 
 def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings, need: Array) -> float:
-    """Return the share of the wish for clearance that is not met, squared and summed over obstacles."""
+    """Return the unmet share of the soft clearance, squared and summed."""
     if settings.wish <= 0:
         return 0.0
     n = p.load.n_owners
@@ -222,9 +223,9 @@ def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings, need: Array)
 def _further(
     p: ConvexProgramme, owner: Integers, bound: Array, settings: ConvexSettings, radius: float
 ) -> Array:
-    """Return the distance beyond the margin that is wished for [m], -inf for no wish; array of the shape of `owner`.
+    """Return the soft clearance beyond the margin [m], -inf without one; array of the shape of `owner`.
 
-    There is no wish for obstacles that are too far for a step to reach.
+    There is none for obstacles that are too far for a step to reach.
     """
     near = bound > -settings.wish - 0.5 * radius
     wished = near & (owner < p.load.n_owners) & (settings.wish > settings.margin)
@@ -241,7 +242,7 @@ def step(
     mu: float,
     over: Callable[[], bool],
 ) -> Step | None:
-    """Compute a step, corrected where its trial comes too near; None if a programme fails, or all is over."""
+    """Compute a step, corrected where its trial is too near. None on failure, or when the search is over."""
     rows, bound, owner = p.linear(here.seen, here.off, need)
     clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
     trust = Trust(p.moves, here.off[p.watched].ravel(), radius * p.scale)

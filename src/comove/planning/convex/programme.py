@@ -1,4 +1,4 @@
-"""The parts of the quadratic programmes of a scene: a cost that is a sum of squares, clearances and limits."""
+"""The parts of a scene's quadratic programmes: cost, clearances and limits."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class WarpSettings:
     ----------
     n_waves : waves whose sum a warp is
     smooth : weight of their squared slopes, relative to the mean curvature of the cost
-    steepest : largest relative change of the pace of time
+    steepest : largest relative change of the time scaling
     shares : shares of a warp that are tried in turn
     ridge : of the fit of the warped movement
     """
@@ -60,23 +60,23 @@ class ConvexSettings:
     Attributes
     ----------
     margin : distance from obstacles beyond the scene's clearance [m]
-    border_margin : likewise for the border, and for hands that must stay apart beyond their separation [m]
+    border_margin : likewise for the border, and for end effectors beyond their separation [m]
     tolerance : share of the margins that may be missed without consequence
     radius, most : radius of the trust region, at first and at most [m]; for angles multiplied by at most 3 rad/m
     least : radius of the trust region below which the search ends [m]
     iterations : largest number of steps
     gain : least relative decrease of the cost that counts as a gain
     patience : number of steps without gain after which the search ends
-    outlook, behind : gains like the last one that a motion is granted, and ratio of its value then to that of a known
-        motion beyond which the search ends
+    outlook, behind : extrapolated gains like the last one, and the ratio of the value then to that of a known motion
+        above which the search ends
     corrections : number of times that a step is corrected before the trust region shrinks
     slack_cost, most_slack_cost : cost of a metre by which linearised distances are missed, at first and at most
     limit : length as which a limit exceeded by 100 % counts [m]
     unnoticed : relative excess over the limits that is tolerated, within the share that is held back
         (`Limits.shares`)
     hastier : share of the pace that a step may save
-    wish : clearance beyond the scene's that is wished for where it costs little [m]; 0 for none
-    worth : share of the cost that is added for an obstacle that is touched, and less the more of the wish is met
+    wish : soft clearance beyond the scene's [m]; 0 for none
+    worth : share of the cost added for an obstacle in contact, less with more of the soft clearance
     gauge : weight of the penalty that keeps directions and quaternions near unit length; motions do not depend on it
     quadratic, warp : settings of each programme, and of the warps of time between them
     """
@@ -109,16 +109,16 @@ SETTINGS = ConvexSettings()
 
 
 class Follower(Protocol):
-    """Whatever has to follow a motion, as arms do, with distances of several kinds of which some are required.
+    """A follower of motions, such as arms, with distances of several kinds.
 
-    Its samples are every `FOLLOWED`-th of the fine ones.
+    Some of these are required. Its samples are every `FOLLOWED`-th of the fine ones.
     """
 
     def required(self, margin: float) -> Array:
-        """Return the distances that are required, with a margin [m] as of obstacles; array, shape (n_kinds,) [m]."""
+        """Return the required distances with a margin [m]; array, shape (n_kinds,) [m]."""
 
     def follow(self, nodes: Array) -> tuple[Array, Array]:
-        """Return the postures in which nodes are followed, and their distances.
+        """Return the postures that follow keypoints, and their distances.
 
         Arrays, shapes (n_samples, n) and (n_samples, n_kinds) [m].
 
@@ -128,7 +128,7 @@ class Follower(Protocol):
         """
 
     def slopes(self, blocks: Blocks, q: Array, postures: Array, distances: Array) -> Array:
-        """Return the derivatives of distances by configurations, 0 where distances are too large to count.
+        """Return the derivatives of distances by configurations. They are 0 for distances too large to count.
 
         Array, shape (n_samples, n_kinds, n_columns).
 
@@ -139,11 +139,11 @@ class Follower(Protocol):
         """
 
     def stricter(self) -> Follower:
-        """Return what requires a little more, after a motion was rejected that it seemed to follow."""
+        """Return a stricter follower, after the rejection of a followed motion."""
 
 
 class Grid(NamedTuple):
-    """The linear map from shape weights to even samples of motions with given ends.
+    """The linear map from shape weights to even samples of motions.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class Grid(NamedTuple):
 def grid(
     basis: MotionBasis, boundary: Array, n_samples: int, order: int = 0, free: Array | None = None
 ) -> Grid:
-    """Return the map to `n_samples` even samples, or to their derivatives of an order by normalised time.
+    """Return the map to even samples, or to their derivatives. These are by normalised time.
 
     `n_samples` - 1 must divide `N_INTERVALS`.
 
@@ -187,8 +187,9 @@ class Seen(NamedTuple):
     q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
     depth : array, shape (n_owners + 2 + n_leaning + n_kinds,), largest amount by which a required distance is missed:
-        from every owner, from the border, between hands that stay apart, from leaning too far, of what follows [m]
-    postures, distances : what follows, at its samples, as in `Follower`
+        from every owner, from the border, between end effectors that stay apart, from leaning too far, of the
+        follower [m]
+    postures, distances : those of the follower at its samples, as in `Follower`
     """
 
     q: Array
@@ -200,17 +201,17 @@ class Seen(NamedTuple):
 
 
 class ConvexProgramme:
-    """The optimisation problem of a scene, for motions in one basis with given ends.
+    """The optimisation problem of a scene, for motions with given ends.
 
     Parameters
     ----------
     boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
     n_fine, n_coarse : numbers of samples for the clearances, and for cost and limits
-    limits : limits of the hands; those of the scene unless given
+    limits : limits of the end effectors; those of the scene unless given
 
     Attributes
     ----------
-    follower : whatever must be able to follow the motion; None unless set
+    follower : follower of the motion; None unless set
     """
 
     def __init__(
@@ -263,16 +264,16 @@ class ConvexProgramme:
         return slopes if self.free is None else self.free.T @ slopes
 
     def fit(self, q: Array, ridge: float) -> Array:
-        """Return shape weights fitted to configurations, array of shape (n_fine, n_columns), by ridge regression."""
+        """Fit shape weights to configurations, shape (n_fine, n_columns), by ridge regression."""
         shape, base = self.fine.shape, self.fine.base
         square = shape.T @ shape / len(shape) + ridge * np.eye(shape.shape[1])
         found = np.asarray(np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T, dtype=np.float64)
         return self.of_free(found).ravel()
 
     def need(self, settings: ConvexSettings) -> Array:
-        """Return the distances that are required, in the order of `Seen.depth`.
+        """Return the required distances; array, shape (n_owners + 2 + n_leaning + n_kinds,) [m].
 
-        Array, shape (n_owners + 2 + n_leaning + n_kinds,) [m].
+        They are in the order of `Seen.depth`.
         """
         need = np.full(self.load.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
@@ -305,12 +306,12 @@ class ConvexProgramme:
         return Seen(q, nodes, contacts, need - least, postures, distances)
 
     def hands(self, q: Array) -> tuple[Array, Array]:
-        """Return nodes, and hands (n_samples, n_hands * n_dims), along configurations (n_samples, n_columns) [m]."""
+        """Return keypoints, and end effectors (n_samples, n_hands * n_dims), along configurations [m]."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
 
     def moves_of_hands(self, q: Array, nodes: Array) -> Moves:
-        """Return derivatives of hands at coarse samples by the shape weights.
+        """Return end effectors' derivatives at coarse samples by the shape weights.
 
         Parameters
         ----------
@@ -322,7 +323,7 @@ class ConvexProgramme:
         return Moves(slopes if self.free is None else slopes @ self.free, self.coarse.shape, self.even)
 
     def value(self, cost: SumOfSquares, z: Array, gauge: float) -> tuple[float, Array]:
-        """Return the cost at shape weights `z`, with a gauge of weight `gauge`, and the hands at coarse samples."""
+        """Return the cost at weights `z`, plus the gauge, and end effectors."""
         q = self.coarse.q(z)
         _, hands = self.hands(q)
         lengths = self.gauge(q, gauge)
@@ -330,7 +331,7 @@ class ConvexProgramme:
         return cost.value(hands) + float(lengths @ lengths) + hasty, hands
 
     def gauge(self, q: Array, weight: float) -> Array:
-        """Return the weighted differences of directions and quaternions from unit length, at some of the samples."""
+        """Return weighted deviations of directions and quaternions from unit length."""
         lengths = [
             weight * reach * (np.linalg.norm(q[::GAUGE_EVERY, turn], axis=1) - 1.0)
             for turn, reach in self.normed
@@ -349,9 +350,9 @@ class ConvexProgramme:
         return np.concatenate(rows)
 
     def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: SumOfSquares) -> float:
-        """Return how far margins and limits are missed beyond the tolerance, as a sum over owners and limits [m].
+        """Return the summed violation of margins and limits beyond the tolerance [m].
 
-        If the pace is given, an excess over limits counts as `ConvexSettings.limit` says; else limits do not count.
+        If the duration is given, an excess over limits counts by `ConvexSettings.limit`; else limits do not count.
         """
         zone = np.full(len(seen.depth), settings.margin)
         zone[self.load.n_owners : self.load.n_owners + 2] = settings.border_margin
@@ -361,14 +362,14 @@ class ConvexProgramme:
         return float(missed) + settings.limit * max(self.limits.excess(hands) - settings.unnoticed, 0.0)
 
     def is_followed(self, z: Array) -> bool:
-        """Return whether what follows can follow the motion with the shape weights `z`."""
+        """Return whether the follower can follow the motion of weights `z`."""
         if self.follower is None:
             return True
         _, distances = self.follower.follow(self.hands(self.fine.q(z))[0][::FOLLOWED])
         return bool((distances.min(axis=0) >= self.follower.required(0.0)).all())
 
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, Integers]:
-        """Return rows A and bounds b of the linearised distances, ``A dz >= b``, and the owner of each row.
+        """Return the linearised distances, ``A dz >= b``, and each row's owner.
 
         Arrays, shapes (n_rows, n_free * n_basis), (n_rows,) and (n_rows,) of int; owners count as in `Seen.depth`.
 
@@ -401,7 +402,7 @@ class ConvexProgramme:
 
 
 def _scale(coordinates: Coordinates) -> Array:
-    """Return the size of the trust region in each column, relative to that of a centre [1/m]; shape (n_columns,)."""
+    """Return each column's trust-region size, relative to a centre's [1/m]; shape (n_columns,)."""
     scale = np.ones(coordinates.n_columns)
     reach = float(np.linalg.norm(coordinates.blocks.point, axis=1).max())
     for part in coordinates.parts:

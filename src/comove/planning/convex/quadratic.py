@@ -1,9 +1,9 @@
-"""The quadratic programme of one step, solved with an active subset of its rows.
+"""The quadratic programme of a step, solved by an active subset.
 
 Of hundreds of linearised clearances some ten are active at the solution. So a programme begins with those that are
 nearly active, and rows that its solution violates are added until there are none. This gives the same solution
 several times faster. Limits of speed, acceleration and jerk are half-spaces that touch balls, anew where the solution
-violates them; those that do not count any more are left out again.
+violates them; inactive ones are removed again.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Rows(NamedTuple):
     ----------
     rows, bound : arrays, shapes (n, n_variables) and (n,), of ``rows dz >= bound`` [m]
     owner : array of int, shape (n,), owner of each clearance
-    further : array, shape (n,), additional distance that is wished for [m]; -inf for no wish
+    further : array, shape (n,), additional soft clearance [m]; -inf without one
     """
 
     rows: Array
@@ -91,7 +91,7 @@ class Prices(NamedTuple):
     Attributes
     ----------
     slack : cost of a metre by which clearances are missed
-    wish : cost of a square metre, for the squared distance by which an owner is nearer than wished for
+    wish : cost of a square metre, for the squared distance by which an owner misses the soft clearance
     duration : cost of one more duration
     pace : number of durations in which limits are kept so far
     faster : largest share of the pace that may be saved
@@ -111,7 +111,7 @@ class Minimum(NamedTuple):
     ----------
     w : array, shape (n,), whitened change of the weights
     slack : largest amount by which clearances are missed [m]
-    short : sum over owners of the squared distance by which each is nearer than wished for [m^2]
+    short : sum over owners of the squared distance by which each misses the soft clearance [m^2]
     slower : growth of the pace, in durations
     programmes : number of programmes that were solved, one for each set of rows
     """
@@ -133,9 +133,9 @@ def minimum(
     settings: QuadraticSettings = SETTINGS,
     over: Callable[[], bool] = lambda: False,
 ) -> Minimum | None:
-    """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``.
+    """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`. The variables are ``dz = whiten' w``.
 
-    None if that fails, or once `over`, which is asked before every set of rows, says so.
+    Return None if that fails, or once `over`, which is called before every set of rows, returns True.
     """
     n = len(gradient)
     rows, bound, owner, further = clearances
@@ -197,7 +197,7 @@ def minimum(
 
 
 def _worst(broken: Array, few: int) -> Integers:
-    """Return the indices of violated rows; of the worst `few` if there are more."""
+    """Return the indices of violated rows, of at most the worst `few`."""
     at = np.flatnonzero(broken > BROKEN)
     return at if len(at) <= few else np.sort(at[np.argsort(-broken[at], kind="stable")[:few]])
 
@@ -205,7 +205,7 @@ def _worst(broken: Array, few: int) -> Integers:
 def _solved(
     square: Array, linear: Array, matrix: Array, below: Array, above: Array, known: Array
 ) -> tuple[Array, Array] | None:
-    """Solve a programme from `known` multipliers; return solution and multipliers, None if there is no solution."""
+    """Solve a programme from `known` multipliers; return solution and multipliers. None without a solution."""
     for guess in (known, None) if known.any() else (None,):  # from a guess the solver may cycle
         x, _, flag, told = daqp.solve(
             square,

@@ -1,8 +1,8 @@
-"""Warps of time, which let a movement follow the same path at other times.
+"""Warps of time, by which movements follow their path at other times.
 
-Linearised clearances keep every sample on its side of a plane of its own, so that the instant at which a load passes
-a corner hardly moves by more than a sample in a step. But a movement without contact has only warps without contact:
-these need no planes, and are optimised separately between steps.
+Linearised clearances keep every sample on its side of a plane of its own, so that the instant at which a payload
+passes a corner hardly moves by more than a sample in a step. But a movement without contact has only warps without
+contact: these need no planes, and are optimised separately between steps.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def warped(
     hands: Array,
     settings: ConvexSettings,
 ) -> Array:
-    """Return the weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z`.
+    """Return the weights of a cheaper warp that keeps the margins; else `z`.
 
     Time is shifted by a sum of waves ``sin(k pi t)`` that minimises the cost with linearised residuals. `value` and
     `hands` are those of `z`, as of `ConvexProgramme.value`.
@@ -57,7 +57,7 @@ def warped(
 
 
 def interpolated(way: Array, rate: Array, t: Array) -> Array:
-    """Return a movement at other times, by the cubics that meet its values and derivatives at even samples.
+    """Interpolate a movement at other times by cubic Hermite splines.
 
     Parameters
     ----------
@@ -76,6 +76,6 @@ def interpolated(way: Array, rate: Array, t: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _waves(n: int, n_waves: int) -> Array:
-    """Return waves that vanish at both ends of unit duration, at even samples; array, shape (n, n_waves)."""
+    """Return sampled waves that vanish at both ends; array, shape (n, n_waves)."""
     waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, n_waves + 1)))
     return waves

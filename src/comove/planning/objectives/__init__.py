@@ -23,5 +23,5 @@ OBJECTIVES = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCo
 
 
 def objective_of_scene(part: Objective | None) -> Criterion | None:
-    """Return the objective that a scene file asks for, None if it names none."""
+    """Return the objective of a scene file, None if it names none."""
     return None if part is None else OBJECTIVES[part.type](**part.model_dump(exclude={"type"}))

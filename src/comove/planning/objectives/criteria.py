@@ -1,4 +1,4 @@
-"""The objectives by which a search compares motions: least jerk, least time, and equation (4) of the paper."""
+"""The objectives by which a search compares motions."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Evaluated(Protocol):
 
 
 class Criterion:
-    """The base class of objectives: which of two motions is better.
+    """The base class of objectives. The lower value is better.
 
     Attributes
     ----------
-    is_smooth : whether smooth motions alone minimise it, which a path must be planned for
+    is_smooth : whether smooth motions alone minimise it, along a planned path
     is_time : whether it is the duration, so that the scene's own does not count
     least : lower bound of its value for motions that follow no demonstration
     """
@@ -52,38 +52,38 @@ class Criterion:
         raise NotImplementedError
 
     def check_untaught(self) -> None:
-        """Refuse an objective that needs a demonstration, where there is none."""
+        """Reject an objective that needs a demonstration, where there is none."""
 
     def pull(self, taught: bool) -> float:
-        """Return the weight of the deviation from a demonstration; 0 if there is none or it is not used."""
+        """Return the weight of the deviation from a demonstration. It is 0 without one, or if it is not used."""
         return 0.0
 
     @property
     def begins_taught(self) -> bool:
-        """Return whether a search begins at the demonstration, or its result resembles it."""
+        """Return whether a search uses the demonstration, as its start or aim."""
         return self.pull(True) > 0
 
     @property
     def weights(self) -> PaperCost:
-        """Return the weights of equation (4) where that is evaluated beside the objective."""
+        """Return the weights of equation (4) evaluated beside the objective."""
         return PaperCost()
 
     @property
     def smoothness(self) -> LeastJerk:
-        """Return the objective of the convex programmes that make a planned path smooth."""
+        """Return the objective of the convex programmes that smooth a path."""
         return LeastJerk()
 
     def scaled(self, ratio: float) -> Self:
-        """Return the objective for a scene whose lengths are multiplied by a ratio."""
+        """Return the objective for a scene with lengths multiplied by a ratio."""
         return self
 
 
 @dataclass(frozen=True)
 class LeastJerk(Criterion):
-    """The objective of least squared jerk of all hands; with a demonstration, of the deviation and its jerk.
+    """The objective of least squared jerk of all end effectors.
 
-    In unit duration, with L the root of the summed squared distances from start to goal and d_i the demonstration
-    transferred to hand i, it is ::
+    With a demonstration, deviation and its jerk count. In unit duration, with L the root of the summed squared
+    distances from start to goal and d_i the demonstration transferred to end effector i, it is ::
 
         1/(720 L^2) integral sum_i |y_i''' - d_i'''|^2 ds + pull/L^2 integral sum_i |y_i - d_i|^2 ds,
 
@@ -93,7 +93,7 @@ class LeastJerk(Criterion):
     ----------
     resemblance : resemblance to the demonstration, from 0 (not used) to 1 (as near as obstacles allow); 0.7 for a
         demonstration, unless given
-    room : clearance beyond the scene's that is wished for where it costs little [m]. While a path is optimised, each
+    room : soft clearance beyond the scene's, kept where it costs little [m]. While a path is optimised, each
         obstacle that is touched adds 15 % to the value, and less the more of this clearance is kept; of several
         paths, the one whose motion has the least value above is taken. Unless given it is a centimetre, and in
         workspaces below 0.3 m or above 5 m a hundredth of the longest side
@@ -120,7 +120,7 @@ class LeastJerk(Criterion):
 
     @property
     def wish(self) -> float:
-        """Return the wish for room [m], the default one in a scene of some decimetres to a few metres."""
+        """Return the soft clearance [m]. The default suits scenes of decimetres to metres."""
         return 0.01 if self.room is None else float(self.room)
 
     def value(
@@ -135,11 +135,11 @@ class LeastJerk(Criterion):
         return self
 
     def scaled(self, ratio: float) -> Self:
-        """Return the objective for scaled lengths; a wish for room that is not given stays as it is."""
+        """Return the objective for scaled lengths. A default soft clearance stays as it is."""
         return replace(self, room=self.wish if self.room is None else ratio * self.room)
 
     def check_untaught(self) -> None:
-        """Refuse a resemblance without a demonstration, as `Criterion.check_untaught`."""
+        """Reject a resemblance without a demonstration, as `Criterion.check_untaught`."""
         if self.resemblance:
             raise OptionError(
                 f"a resemblance of {self.resemblance:g} without a demonstration",
@@ -148,7 +148,7 @@ class LeastJerk(Criterion):
             )
 
     def pull(self, taught: bool) -> float:
-        """Return the weight of the deviation from the demonstration; 0 if there is none or it is not used.
+        """Return the weight of the deviation from a demonstration. It is 0 without one, or if it is not used.
 
         It grows from 10^2, for a resemblance just above 0, to 10^7.7, for one of 1.
         """
@@ -158,9 +158,9 @@ class LeastJerk(Criterion):
 
 @dataclass(frozen=True)
 class LeastTime(Criterion):
-    """The objective of the shortest duration within the limits of speed, acceleration and jerk at every instant.
+    """The objective of the shortest duration within the limits, at every instant.
 
-    The scene's own duration is ignored; limits that the scene leaves out are set by `planning.pace.LIMITS`.
+    The scene's own duration is ignored; `planning.pace.LIMITS` replaces limits that it leaves out.
     """
 
     is_time: ClassVar[bool] = True
@@ -174,7 +174,7 @@ class LeastTime(Criterion):
 
 @dataclass(frozen=True)
 class PaperCost(Criterion):
-    """The weights of the terms of equation (4), and of the resemblance to a demonstration.
+    """The weights of equation (4) and of the resemblance to a demonstration.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ class PaperCost(Criterion):
 
     @property
     def begins_taught(self) -> bool:
-        """Return True: a demonstration is the start of the search, whatever its weight."""
+        """Return True: a demonstration is the start for any weight."""
         return True
 
     @property

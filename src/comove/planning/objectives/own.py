@@ -1,4 +1,4 @@
-"""Objectives and constraints given by the user as functions of a sampled motion."""
+"""Objectives and constraints that are functions of a sampled motion."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from comove.model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Samples of a motion at even times, the argument of the user's functions.
+    """Samples of a motion at even times, for functions of the user.
 
     Attributes
     ----------
     time : array, shape (n_steps,) [s]
-    position, velocity, acceleration : arrays, shape (n_steps, n_manipulators, n_dims), of the hands [m, m/s, m/s^2]
+    position, velocity, acceleration : arrays, shape (n_steps, n_manipulators, n_dims), of the end effectors [m, m/s,
+        m/s^2]
     manipulators : names of the manipulators
-    nodes : array, shape (n_steps, n_nodes, 3), positions of the hands, then of the corners of the load [m]
+    nodes : array, shape (n_steps, n_nodes, 3), positions of the end effectors, then of the payload's corners [m]
     """
 
     __repr__ = brief
@@ -57,7 +58,7 @@ Function = Callable[[Samples], float]
 
 @dataclass(frozen=True, eq=False)
 class Equality:
-    """A constraint g = 0 that holds within a tolerance; constraints that are plain functions mean h <= 0.
+    """A constraint g = 0 within a tolerance. Plain functions as constraints mean h <= 0 instead.
 
     Attributes
     ----------
@@ -78,13 +79,13 @@ class Equality:
             )
 
     def __call__(self, samples: Samples) -> object:
-        """Return the absolute values of g less the tolerance; at most 0 where the constraint holds."""
+        """Return the absolute values of g less the tolerance. They are at most 0 where the constraint holds."""
         return np.abs(np.asarray(self.function(samples), dtype=float)) - self.tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class OwnFunctions:
-    """The user's objective, and the user's constraints besides the scene; neither where only the scene is sampled.
+    """The user's objective and further constraints. There are none where only the scene is sampled.
 
     Attributes
     ----------
@@ -120,7 +121,7 @@ class OwnFunctions:
         return float(value)
 
     def violations(self, samples: Samples) -> Array:
-        """Return the values of all constraints in one array; a positive value means a violation.
+        """Return the values of all constraints in one array. A positive value is a violation.
 
         Raises
         ------
@@ -140,7 +141,7 @@ class OwnFunctions:
         return np.concatenate(values)
 
     def reasons(self, motion: CoordinatedMotion) -> list[str]:
-        """Return a message for every constraint that a motion violates at its samples; a check for `verify`."""
+        """Return a message for every violated constraint, as a check of `verify`."""
         samples, reasons = Samples.of(motion), []
         for constraint in self.constraints:
             worst = float(np.max(_called(constraint, samples, "constraints"), initial=-np.inf))
@@ -158,7 +159,7 @@ def name_of(function: object) -> str:
 def own(
     objective: object, constraints: Sequence[Callable[[Samples], object]], scene: Scene
 ) -> OwnFunctions | None:
-    """Return the user's functions, None if there are none and the scene has no constraint that must be sampled.
+    """Return the user's functions; None without them or sampled constraints.
 
     Raises
     ------

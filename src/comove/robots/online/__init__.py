@@ -1,1 +1,1 @@
-"""Execution of carries step by step: measured joints in, commanded joints out, among obstacles that move."""
+"""Stepwise execution of transfer motions among moving obstacles: measured joints in, commanded joints out."""

@@ -1,6 +1,6 @@
-"""The rows of arms in the safety filter: joints that hold the payload, keep their limits, and touch nothing.
+"""The arms' rows in the safety filter: grasps, joint limits and clearances.
 
-With them the filter of `comove.control.safety.cbf_qp` has the rates of all joints as further variables, and asks that
+With them the filter of `comove.control.safety.cbf_qp` has the rates of all joints as variables too, and requires that
 
     each end effector moves and turns as the payload and its grasp do (equations, never relaxed),
     joints keep their ranges, speeds and accelerations, so that they can always brake in time,
@@ -39,12 +39,12 @@ class JointSettings:
     Attributes
     ----------
     weight : cost of joint rates other than the desired ones, beside velocities of end effectors [m^2]
-    near : clearance from which on links are looked at [m]
-    gain : approach of a joint to its limit per range that is left [1/s]
+    near : clearance below which links are checked [m]
+    gain : approach of a joint to its limit per remaining range [1/s]
     share : of the joints' accelerations that is used, and of these again when braking before a limit
     speed : share of the joints' speeds that is used
-    passing : how many times harder braking is assumed towards what is predicted to pass by
-    bend : share of a change of rates in a step that may be expected to come of itself, as joints go round
+    passing : factor of the assumed braking towards obstacles that are predicted to pass by
+    bend : assumed share of a change of rates in a step that curved joint paths cause by themselves
     """
 
     weight: float = 0.02
@@ -57,18 +57,18 @@ class JointSettings:
 
 
 class ArmRows:
-    """The rows of arms that carry a payload, step by step; see `comove.control.safety.cbf_qp.JointRows`.
+    """The rows of arms that hold a payload; see `comove.control.safety.cbf_qp.JointRows`.
 
     Parameters
     ----------
     scene : the scene, whose end effectors hold one rigid body
     arms : the arms, in the order of the end effectors
-    grasp : how the end effectors turn with the payload
+    grasp : grasps of the end effectors
     period : length of a control step [s]
 
     Attributes
     ----------
-    needs : clearances that links keep
+    needs : required clearances of links
 
     Raises
     ------
@@ -100,9 +100,9 @@ class ArmRows:
         self._links, self._room = empty_rows(arms, 0, 0), -1
 
     def follow(self, joints: Array, nodes: Array) -> None:
-        """Ask for no more clearance among static obstacles than a verified motion has by the capsules of its links.
+        """Require no more static clearance than a verified motion has by capsules.
 
-        The verification knows the exact bodies, which are slimmer.
+        The verification uses the exact bodies, which are slimmer.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class ArmRows:
         sighting: Sighting,
         same: Integers,
     ) -> int:
-        """Write the fixed rows first, and those of links from row `m` on; return the number of rows."""
+        """Write the fixed rows first, then, from row `m`, links'; return the number of rows."""
         work, basis, n_obstacles = qp.work, qp.freedom.basis[0], len(same)
         n, fixed, holds = basis.shape[1], slice(self.n_equal, self.n_fixed), work.rows[: self.n_equal]
         bounds = least, largest = self.joint_bounds(joints)

@@ -1,11 +1,11 @@
-"""Paths through a roadmap among moving obstacles, with times, over a prediction horizon.
+"""Paths with times through a roadmap among moving obstacles, by prediction.
 
-Time goes by in slots. Moving obstacles are predicted to go on, and turn on, as they do now. For every sample of the
-roadmap and every slot it is computed what comes how near (`dangers`); then the least cost of a course from every node
-at every slot follows backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at the goal
-costs 1, one near to something more, and one in which something is met so much that it is avoided where it can be;
-where it cannot, a graze costs less than a hit, which the control of each step may yet turn into a miss. What is left
-to go at the end of the prediction horizon counts as if nothing moved any more.
+Time is divided into slots. Moving obstacles are predicted to keep their present velocity and spin. For every sample
+of the roadmap and every slot the cost of clearances is computed (`dangers`); then the least cost of a trajectory from
+every node at every slot follows backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at
+the goal costs 1, one near to an obstacle more, and one in contact so much that it is avoided where possible;
+otherwise a graze costs less than a hit, as the control of each step may yet turn it into a miss. The rest of the path
+at the end of the prediction horizon counts as if all obstacles stopped.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ WAIT = -1
 class SlotCosts(NamedTuple):
     """Costs of a clearance in a slot, beside 1 for every slot.
 
-    They rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
-    there to `hitting` at `depth` below.
+    They rise with the square of the missing clearance from 0 at `near` to `nearness` at `met`, and linearly from
+    `meeting` there to `hitting` at `depth` below.
 
     Attributes
     ----------
-    met, near : clearances below which something counts as met, and as near; in settings beyond the scene's [m]
+    met, near : clearances below which an obstacle counts as met, and as near; in settings beyond the scene's [m]
     depth : how far below `met` a graze is a hit [m]
-    hitting, meeting, nearness : costs of a slot in which something is hit, is met, and is almost met
+    hitting, meeting, nearness : costs of a slot in which an obstacle is hit, is met, and is almost met
     """
 
     met: float = 0.01
@@ -56,12 +56,12 @@ class SlotCosts(NamedTuple):
 
 @dataclass(frozen=True)
 class CourseSettings:
-    """Settings of the choice of a course.
+    """Settings of the choice of a trajectory.
 
     Attributes
     ----------
-    n_slots : slots that are predicted
-    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
+    n_slots : predicted slots
+    thicker : largest thickening of links to reduce their number [m]
     costs : costs of a slot
     """
 
@@ -71,12 +71,12 @@ class CourseSettings:
 
 
 class Movers(NamedTuple):
-    """Moving obstacles, which are predicted to go on at their velocities and to turn on at their spins.
+    """Moving obstacles, predicted to keep their velocities and spins.
 
     Attributes
     ----------
     table : array, shape (n_rows, n_columns), table of the obstacles as they are now
-    moved : their displacements after 0 s and after 1 s, at which they go on: instants are (0, 1, time)
+    moved : their displacements after 0 s and after 1 s, extrapolated: instants are (0, 1, time)
     margin : array, shape (n_rows,), distance kept for uncertainty [m]
     """
 
@@ -86,7 +86,7 @@ class Movers(NamedTuple):
 
     @classmethod
     def of(cls, seen: Sighting) -> Movers:
-        """Return obstacles that move, as they are predicted."""
+        """Return the moving obstacles, as predicted."""
         rate = np.linalg.norm(seen.spin, axis=1)
         axes = (
             np.where(rate[:, None] > 0.0, seen.spin, [0.0, 0.0, 1.0])
@@ -102,8 +102,8 @@ class Places(NamedTuple):
 
     Attributes
     ----------
-    start, end : arrays, shape (n_samples, n_bodies, 3), ends of the axes: of links that move, and then of the load's
-        edges [m]
+    start, end : arrays, shape (n_samples, n_bodies, 3), ends of the axes: of links that move, and then of the
+        payload's edges [m]
     radius : array, shape (n_bodies,) [m]
     """
 
@@ -113,13 +113,13 @@ class Places(NamedTuple):
 
 
 def fewer(links: Links, within: float) -> tuple[Integers, Array]:
-    """Return which links, made a little thicker, hold all that move; arrays, shape (n,), of numbers and radii [m].
+    """Return thickened links that contain all moving ones; arrays, shape (n,), of numbers and radii [m].
 
-    Hands have many small links, of which a larger one beside them nearly holds the most.
+    End effectors have many small links, most of which a larger one beside them nearly contains.
 
     Parameters
     ----------
-    within : by how much a link may become thicker [m]
+    within : largest thickening of a link [m]
     """
     kept, radius = list[int](), links.radius.copy()
     for i in sorted(links.moving.tolist(), key=lambda i: (-links.radius[i], i)):
@@ -142,7 +142,7 @@ def fewer(links: Links, within: float) -> tuple[Integers, Array]:
 def places(
     space: Space, arms: Arms, which: tuple[Integers, Array], configurations: Array, joints: Array
 ) -> Places:
-    """Return links and load at samples; arrays, shape (n_samples, n_columns) and (n_samples, n_joints).
+    """Return links and payload at samples; arrays, shape (n_samples, n_columns) and (n_samples, n_joints).
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def places(
 
 @kernel
 def _cost(h: float, costs: SlotCosts) -> float:
-    """Return what a clearance h [m] costs for a slot."""
+    """Return the cost of a clearance h [m] in a slot."""
     if h < costs.met:
         return costs.meeting + (costs.hitting - costs.meeting) * min(1.0, (costs.met - h) / costs.depth)
     return costs.nearness * (max(costs.near - h, 0.0) / (costs.near - costs.met)) ** 2
@@ -175,7 +175,7 @@ def _cost(h: float, costs: SlotCosts) -> float:
 
 @kernel
 def instants_near(off: Array, step: Array, far: float, n: int) -> tuple[int, int]:
-    """Return the first and one past the last k of range(n) at which |off + k step| is at most `far`; 0, 0 for none.
+    """Return a slice of range(n): |off + k step| is at most `far` [m]. It is 0, 0 if empty.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _raise_by_ball(
     costs: SlotCosts,
     out: Array,
 ) -> None:
-    """Raise costs, array of shape (n_instants,), to those of a segment near a ball, `thick` [m] in all.
+    """Raise costs, shape (n_instants,), to those of a segment near a ball. Both are `thick` [m] in all.
 
     Nothing in the loop branches, so that several instants are computed at once.
 
@@ -239,7 +239,7 @@ def _raise_by_ball(
 
 @kernel
 def _off_axis(axis: Array, vector: Array, out: Array) -> None:
-    """Write the part of a vector that is perpendicular to a unit vector; arrays, shape (3,)."""
+    """Write a vector's part across a unit vector; arrays, shape (3,)."""
     along = axis[0] * vector[0] + axis[1] * vector[1] + axis[2] * vector[2]
     for x in range(3):
         out[x] = vector[x] - along * axis[x]
@@ -247,7 +247,7 @@ def _off_axis(axis: Array, vector: Array, out: Array) -> None:
 
 @kernel
 def dangers(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> Array:
-    """Return what it costs to be at a sample at an instant; array, shape (n_times, n_samples).
+    """Return the cost of every sample at every instant; array, shape (n_times, n_samples).
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def dangers(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> A
 
 @kernel
 def dangers_along(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> Array:
-    """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
+    """Return each sample's cost at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
     (start, end, radius), (table, moved, margin) = bodies, movers
     cost = np.zeros(start.shape[0])
     for t in range(start.shape[0]):
@@ -315,13 +315,13 @@ def dangers_along(bodies: Places, movers: Movers, times: Array, costs: SlotCosts
 
 @kernel
 def least_costs(net: Roadmap, cost: Array, left: Array) -> tuple[Array, Integers]:
-    """Return the least cost from every node and slot to the end of the time, and the way to take or `WAIT`.
+    """Return the least costs of nodes and slots, and choices. A choice is an edge or `WAIT`.
 
     Parameters
     ----------
     net : the roadmap, at whose goal slots cost nothing
-    cost : array, shape (n_slots + 1, n_samples), of being at a sample, as of `dangers`
-    left : array, shape (n_nodes,), cost of what is left to go from a node at the end
+    cost : array, shape (n_slots + 1, n_samples), costs of samples, as of `dangers`
+    left : array, shape (n_nodes,), cost of the rest of the path from a node at the end
 
     Returns
     -------
@@ -349,13 +349,13 @@ def least_costs(net: Roadmap, cost: Array, left: Array) -> tuple[Array, Integers
 
 @dataclass(frozen=True, eq=False)
 class RoadmapCourse:
-    """A course that was chosen.
+    """A chosen trajectory.
 
     Attributes
     ----------
     way : its samples, one a slot
     cost : its cost, in slots
-    left : slots that are left to the goal from its end
+    left : slots from its end to the goal
     """
 
     way: Way
@@ -364,11 +364,11 @@ class RoadmapCourse:
 
 
 class Foresight:
-    """A roadmap with the bodies at its samples, in which courses are chosen.
+    """A roadmap with bodies at samples, for the choice of trajectories.
 
     Parameters
     ----------
-    space, arms : the load's space, and the arms
+    space, arms : the payload's space, and the arms
     clearance : the scene's [m]
     """
 
@@ -381,7 +381,7 @@ class Foresight:
 
     @property
     def touching(self) -> float:
-        """Return the cost of a slot in which something is touched."""
+        """Return the cost of a slot in contact."""
         return _cost(0.0, self._costs)
 
     def placed(self, way: Way) -> Places:
@@ -389,12 +389,12 @@ class Foresight:
         return places(self.space, self.arms, self._which, *way)
 
     def cost_along(self, bodies: Places, rows: Integers, seen: Sighting, times: Array) -> Array:
-        """Return what it costs to be at some samples, each at its own time; array, shape (n_times,).
+        """Return the samples' costs, each at its own time; array, shape (n_times,).
 
         Parameters
         ----------
-        rows : array of int, shape (n_times,), numbers of the samples; beyond the last one stands the last one
-        seen : obstacles that move
+        rows : array of int, shape (n_times,), numbers of the samples; numbers beyond the last one stand for it
+        seen : moving obstacles
         times : array, shape (n_times,), from now on [s]
         """
         rows = np.minimum(rows, len(bodies.start) - 1)
@@ -402,13 +402,13 @@ class Foresight:
         return dangers_along(chosen, Movers.of(seen), times, self._costs)
 
     def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> RoadmapCourse:
-        """Return the best course from the last node of a roadmap.
+        """Return the best trajectory from the last node of a roadmap.
 
         Parameters
         ----------
-        roadmap, extended : the roadmap, and the same one with the node at which the load is then
-        seen : obstacles that move
-        since : time from now until the course begins [s]
+        roadmap, extended : the roadmap, and the same one with the payload's future node
+        seen : moving obstacles
+        since : time from now until the trajectory begins [s]
         """
         how, n = self.settings, len(roadmap.joints)
         if self._known is None or self._known[0] is not roadmap:
@@ -424,7 +424,7 @@ class Foresight:
         return RoadmapCourse(way, float(value[0, -1]), float(left[ends]))
 
     def _left(self, net: Roadmap, blocked: Array) -> Array:
-        """Return the slots from every node to the goal, among what is there at the end; array, shape (n_nodes,)."""
+        """Return the slots from nodes to the goal, among the final obstacles; array, shape (n_nodes,)."""
         how = self.settings
         weight = net.slots + blocked[net.nodes[net.target]]
         inner = net.slots > 1
@@ -437,7 +437,7 @@ class Foresight:
 
 
 def _samples(net: Roadmap, choice: Integers) -> tuple[list[int], int]:
-    """Return the samples that the choices from the last node lead through, and the node at which they end.
+    """Return the samples of the last node's choices, and the final node.
 
     Waiting at the goal at the end is left out.
     """

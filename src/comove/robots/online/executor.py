@@ -1,13 +1,13 @@
-"""Online execution of a carry: measured joints in, commanded joints out, among obstacles that move.
+"""Online execution by arms: measured joints in, commanded joints out, among moving obstacles.
 
-A carry is planned and verified among the static obstacles, and followed until a moving obstacle is predicted to meet
-it: then the replanner chooses another path in time (`comove.robots.online.pilot`). Every control step the safety
-filter changes the wanted rates of all joints so that links and load keep clear of what is seen now, and the hands
-keep hold of the load. Where the arms fall behind, the reference waits for them.
+A transfer motion is planned and verified among the static obstacles, and followed until contact with a moving
+obstacle is predicted: then the online replanner chooses another path in time (`comove.robots.online.pilot`). Every
+control step the safety filter changes the desired rates of all joints so that links and payload keep clear of the
+observed obstacles, and the end effectors keep their grasps. Where the arms lag, the reference waits for them.
 
-The load is moved by the exact step of its twist, and joints are solved for its hands: so commands keep hold of it to
-rounding, however long a run is. Measured joints slow the plan down where the robot does not come along. A robot
-that was driven off is told of, and can be let give way until it stands, to go on from there.
+The payload is moved by the exact step of its twist, and joints are solved for its end effectors: so commands keep the
+grasps to rounding, however long a run is. Measured joints that lag slow the plan down. A displaced robot raises an
+error, and can be made compliant until it rests, to continue from there.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ class OnlineSettings:
     period : control period [s]
     leisure : work of the search for the plan, before anything moves, as `Budget.work`
     catch_up : time constant of the return to the reference [s]
-    behind : distance of the hands behind the reference at which it waits [m]
-    near_by : distance up to which what is predicted along the reference counts for where the hands are [m]
+    behind : distance of the end effectors behind the reference at which it waits [m]
+    near_by : distance of the end effectors from the reference up to which its prediction holds for them [m]
     lag : difference of measured and commanded joints at which the reference waits [rad]
-    lost : difference at which a robot does not come along any more [rad]
-    at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
-    filter, joints, pilot, recovery : settings of the safety filter, of the rows that arms add to it, of what chooses
-        the reference, and of what a robot does that was driven off
+    lost : difference at which a robot counts as displaced [rad]
+    at_goal, at_rest : distance and speed of the end effectors at which a run ends [m, m/s]
+    filter, joints, pilot, recovery : settings of the safety filter, of the arms' rows in it, of the online replanner,
+        and of the recovery of a displaced robot
     """
 
     period: float = 0.004
@@ -93,7 +93,7 @@ class OnlineSettings:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointRecord(Record):
-    """The record of an execution by a robot's joints, which follow their commands exactly.
+    """The record of an execution by exactly followed joint commands.
 
     Attributes
     ----------
@@ -106,29 +106,30 @@ class JointRecord(Record):
 
 
 class JointExecutor(ControlLoop):
-    """An executor that moves the joints of a robot that carries a load, step by step.
+    """An executor of a robot that holds a payload, step by step.
 
     Parameters
     ----------
     scene : the scene; obstacles may move
     robot : the robot, whose arms are the scene's manipulators
-    observer : observer of the obstacles; one that sees places and velocities, and knows no future, unless given
+    observer : observer of the obstacles; by default one of present places and velocities
     seed : seed of the plans
     settings : see `OnlineSettings`
 
     Attributes
     ----------
     position : array, shape (n_joints,), the joints commanded last, those of the robot that do not move included [rad]
-    poses : poses of the load
+    poses : poses of the payload
     log : log of the run
-    plan : the carry that is followed
+    plan : the current transfer motion
 
     Raises
     ------
     OptionError
-        If the observer is one of `Clouds`: links are looked at beside obstacles that a scene names.
+        If the observer is one of `Clouds`: links are checked against obstacles that a scene names.
     SceneError, RobotError
-        If the robot cannot hold the load at its start or goal, or no carry is found among what stands.
+        If the robot cannot hold the payload at its start or goal, or no transfer motion is found among static
+        obstacles.
     """
 
     def __init__(
@@ -178,7 +179,7 @@ class JointExecutor(ControlLoop):
         self._stand_at_start()
 
     def _rehearse(self) -> None:
-        """Make a step, which loads all kernels, and the roadmap: the first step of a run would take seconds."""
+        """Make a step to load all kernels and the roadmap. The first step of a run would take seconds."""
         self._stand_at_start()
         log, self.log = self.log, ExecutionLog()
         self._advance(0.0)
@@ -187,14 +188,14 @@ class JointExecutor(ControlLoop):
         self.log = log
 
     def _stand_at_start(self) -> None:
-        """Stand at the beginning of the plan."""
+        """Rest at the beginning of the plan."""
         self.position = self.plan.joints.position[0].copy()
         self._hold_at(poses_of(self.scene, "start"), self.position[self.columns])
         self.pilot.waited = self.pilot.clock = 0.0
         self._recovery: Recovery | None = None
 
     def _hold_at(self, poses: HandPoses, joints: Array) -> None:
-        """Be at rest at some poses, held by some joints."""
+        """Rest at some poses, held by some joints."""
         self._stop_at(poses)
         self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
         self.position[self.columns] = joints
@@ -206,16 +207,16 @@ class JointExecutor(ControlLoop):
 
     @property
     def driven_off(self) -> bool:
-        """Return whether the robot is not where it was commanded; then `recover` takes the place of `step`."""
+        """Return whether the robot is displaced from its command; then `recover` replaces `step`."""
         return self._recovery is not None
 
     def step(self, measured: Array) -> Array:
-        """Perform one control step, and return the joints to command; arrays, shape (n_joints,) [rad].
+        """Perform one control step; return the joints to command. Arrays, shape (n_joints,) [rad].
 
         Raises
         ------
         RobotError
-            If measured joints are no numbers, or far from what was commanded; then nothing is done, and `driven_off`
+            If measured joints are no numbers, or far from the command; then nothing is done, and `driven_off`
             is true.
         """
         self._step(self._lag(measured))
@@ -234,17 +235,17 @@ class JointExecutor(ControlLoop):
         )
 
     def recover(self, measured: Array) -> Array:
-        """Perform one control step of a robot that was driven off, and return the joints to command; arrays, shape
-        (n_joints,) [rad].
+        """Perform a control step of a displaced robot; return the joints to command.
 
-        Commands give way: they stay near to where the robot is. Once it stands, its hands turn the load gently to the
-        nearest pose in which it can be carried on, and `step` goes on from there, by another course.
+        Arrays, shape (n_joints,) [rad]. Commands are compliant: they stay near to the measured joints. Once the robot
+        rests, the payload turns gently to the nearest feasible pose, from which `step` continues on another
+        trajectory.
 
         Raises
         ------
         RobotError
-            If measured joints are no numbers, or the robot was not driven off, does not come to stand, or cannot go
-            on from there.
+            If measured joints are no numbers, or the robot was not displaced, does not come to rest, or cannot
+            continue from there.
         """
         begun, recovery = clock.perf_counter(), self._recovery
         measured, columns, lost = self._numbers(measured), self.columns, self.settings.lost
@@ -266,9 +267,7 @@ class JointExecutor(ControlLoop):
         return self.position.copy()
 
     def _way_back(self, measured: Array) -> Array:
-        """Return the commands that bring the load from where the robot stands to where it can be carried on; array,
-        shape (n_steps, n_joints), one row a period [rad].
-        """
+        """Return one command a period back to a feasible pose; array, shape (n_steps, n_joints) [rad]."""
         settings, joints = self.settings.recovery, self.position[self.columns]
         held = np.array([self.robot.tool_pose(measured, arm) for arm in self.carrier.holders])
         for poses in (self._nearest(held), self.poses):  # or to where it was driven off from
@@ -287,7 +286,7 @@ class JointExecutor(ControlLoop):
         )
 
     def _nearest(self, held: Array) -> HandPoses:
-        """Return the poses of the load that are nearest to hands, array of shape (n_hands, 4, 4)."""
+        """Return the payload's poses nearest to end effectors; `held` is (n_hands, 4, 4)."""
         if not self.carrier.grasp.keypoints:
             return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
         (group,), nodes = self.scene.groups, self.scene.nodes_at("start")
@@ -296,7 +295,7 @@ class JointExecutor(ControlLoop):
         return HandPoses(center[None], quaternion_of_rotation(rotation)[None])
 
     def _go_on(self) -> None:
-        """Let steps begin where the way back has ended."""
+        """Start steps at the end of the recovery path."""
         held = np.array([self.robot.tool_pose(self.position, arm) for arm in self.carrier.holders])
         poses, joints = self._nearest(held), self.position[self.columns]
         (solved,), missed = tracked(self.arms, nodes_of(self.scene, poses)[None], joints[None], HOLDING)
@@ -329,13 +328,13 @@ class JointExecutor(ControlLoop):
         return float(apart.max())
 
     def _pace(self, reference: Setpoint, lag: float) -> float:
-        """Return the share of the reference's pace at which it goes on: 1 where arms come along, 0 where it waits."""
+        """Return the reference's time scaling: 1 where arms follow, 0 where it waits."""
         how, self._behind = self.settings, self.distance_from(reference.here)
         left = min(1.0 - self._behind / how.behind, 2.0 * (1.0 - lag / how.lag))
         return min(max(left, 0.0), 1.0)
 
     def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
-        """Return the joints, and the rates that lead them back to the reference."""
+        """Return the joints, and rates that lead them to the reference."""
         how = self.settings
         passes = self.pilot.is_clear and self._behind <= how.near_by
         self.filter.passing(how.joints.passing if passes else 1.0)
@@ -343,7 +342,7 @@ class JointExecutor(ControlLoop):
         return JointState(self.joints, self.rates, drawn, self._bend)
 
     def _move(self, rates: Array) -> None:
-        """Move the payload by its twist, or by a share of it with which the joints can come along, and the joints."""
+        """Move payload and joints by the largest feasible share of a twist."""
         scene, period, joints, chains = self.scene, self.period, self.joints, self.arms.chains
         soft = chains.approach, chains.lower, chains.upper
         poses, following, roughest = self.poses, joints, np.inf
@@ -382,7 +381,7 @@ class JointExecutor(ControlLoop):
         return motion
 
     def _follow_plan(self, n_steps: int = 201) -> None:
-        """Ask links for no more clearance than the plan has."""
+        """Require no more clearance of links than the plan has."""
         motion, joints = self.plan.motion.motion, self.plan.joints
         s = np.linspace(0.0, 1.0, n_steps)
         along = np.ascontiguousarray(joints.at(s * joints.duration)[0][:, self.columns])

@@ -1,13 +1,13 @@
-"""Rows of links in the safety filter, in numba kernels: how fast they may approach obstacles, payload and each other.
+"""Rows of links in the safety filter, in numba kernels: bounds of approach speeds.
 
-The variables are those of the twists, x, which move the load, and the rates of the joints. A row
+The variables are those of the twists, x, which move the payload, and the rates of the joints. A row
 
     n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
 
-is a control barrier as in `comove.control.safety.cbf_constraints`; h is the clearance that is left, n its direction.
+is a control barrier as in `comove.control.safety.cbf_constraints`; h is the remaining clearance, n its direction.
 Links are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in
-a step, so most rows hold whatever they do: those are left out, and mostly not even measured. Where limits of joints
-have to give way themselves, the next step sees what came nearer by that.
+a step, so most rows hold for all admissible rates: those are left out, and mostly not even measured. Where limits of
+joints are relaxed themselves, the next step detects the loss of clearance.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from comove.robots.search.links import (
 
 
 class LinkNeeds(NamedTuple):
-    """Clearances that links keep, and what is near enough to be told of.
+    """Required clearances of links, and the distance of checked bodies.
 
     Attributes
     ----------
     obstacle : array, shape (n_rows,), from every row of the table of obstacles [m]
-    other : of links that move from the load and from each other [m]
-    still : of links that do not move from the load; their capsules may be much wider than the bodies [m]
-    near : clearance from which on nothing is looked at [m]
+    other : of links that move from the payload and from each other [m]
+    still : of links that do not move from the payload; their capsules may be much wider than the bodies [m]
+    near : clearance above which nothing is checked [m]
     """
 
     obstacle: Array
@@ -61,8 +61,8 @@ class LinkRows(NamedTuple):
     axes, places : arrays, shape (n_joints, 3), axes of the joints in the world's frame, and points on them [m]
     speed : array, shape (n_links,), bounds of the speed of any point of a link in this step [m/s]
     rows, low : arrays, shape (n_rows, n_variables + n_joints) and (n_rows,)
-    owner : array, shape (n_rows,), the row of the table of obstacles, or `HANDS` for load and links
-    filled : array, shape (1,), number of the rows that are written
+    owner : array, shape (n_rows,), the row of the table of obstacles, or `HANDS` for payload and links
+    filled : array, shape (1,), number of written rows
     """
 
     start: Array
@@ -83,7 +83,7 @@ def most_rows(arms: Arms, n_obstacles: int) -> int:
 
 
 def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
-    """Return work arrays for that many obstacles, and variables of the load."""
+    """Return work arrays for that many obstacles, and variables of the payload."""
     links, n_joints, count = arms.links, len(arms.chains.lower), most_rows(arms, n_obstacles)
     return LinkRows(
         links.start.copy(),
@@ -100,9 +100,7 @@ def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
 
 @kernel
 def hand_jacobians(arms: Arms, q: Array) -> tuple[Array, Array]:
-    """Return the Jacobians of the grasps, array of shape (n_arms, 6, n_joints), zero for joints of other arms, and
-    the positions of the grasps, array of shape (n_arms, 3) [m].
-    """
+    """Return grasps' zero-padded Jacobians, (n_arms, 6, n_joints), and positions, (n_arms, 3) [m]."""
     chains, n_arms = arms.chains, arms.chains.first.shape[0] - 1
     jacobians, hands = np.zeros((n_arms, 6, q.shape[0])), np.empty((n_arms, 3))
     for i in range(n_arms):
@@ -127,14 +125,14 @@ def link_rows(
     how: tuple[LinkNeeds, Rates],
     work: LinkRows,
 ) -> int:
-    """Write the rows of all links that could come too near to something in this step; returns their number.
+    """Write the rows of links possibly too near after this step; return their number.
 
     Parameters
     ----------
     q : array, shape (n_joints,), joint positions
     bounds : arrays, shape (n_joints,), least and largest rates of the joints in this step
-    nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
-    load : arrays, shape (6, n_variables) and (3,), the load's twists per unit of the variables, and its centre
+    nodes : array, shape (n_nodes, 3), keypoints [m]
+    load : arrays, shape (6, n_variables) and (3,), the payload's twists per unit of the variables, and its centre
     sighting : the obstacles
     how : clearances of links, and rates of the programme
     """
@@ -187,7 +185,7 @@ def link_rows(
 
 @kernel
 def _bound_speeds(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
-    """Write bounds of the speeds of links: a joint's rate times how far they reach from it at most."""
+    """Write bounds of links' speeds: a joint's rate times the largest lever."""
     chains, links = arms.chains, arms.links
     for i in links.moving:
         work.speed[i] = 0.0
@@ -204,7 +202,7 @@ def _bound_speeds(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> No
 
 @kernel
 def _leave_out_what_holds(bounds: tuple[Array, Array], work: LinkRows) -> None:
-    """Leave out the last row, in which the load has no part, where no rates within their bounds break it."""
+    """Drop the last row where no admissible rates violate it. The payload has no part in it."""
     m = work.filled[0] - 1
     row, worst = work.rows[m], 0.0
     offset = row.shape[0] - bounds[0].shape[0]
@@ -234,7 +232,7 @@ def _place(arms: Arms, q: Array, work: LinkRows) -> None:
 def _link_part(
     arms: Arms, i: int, p: Array, normal: Direction, sign: float, work: LinkRows, row: Array
 ) -> None:
-    """Add to a row the velocity along a normal of the point p [m] of link i, times a sign."""
+    """Add a link point's velocity along a normal, times `sign`, to `row`. The point p [m] is of link i."""
     chains, links = arms.chains, arms.links
     if links.arm[i] < 0:
         return
@@ -265,7 +263,7 @@ def _obstacle_row(
 def _load_row(
     arms: Arms, i: int, share: float, near: Array, load: tuple[Array, Array], low: float, work: LinkRows
 ) -> None:
-    """Write the row of link i against the point `near` of the load, whose `basis` and `center` are `load`."""
+    """Write the row of link i against the payload's point `near`. Its `basis` and `center` are `load`."""
     (basis, center), p, m = load, np.empty(3), work.filled[0]
     _point_on(work, i, share, p)
     normal = _direction(near, p)
@@ -293,7 +291,6 @@ def _pair_row(arms: Arms, i: int, one: float, k: int, two: float, low: float, wo
 
 @kernel
 def _point_on(work: LinkRows, i: int, share: float, p: Array) -> None:
-    """Write the point at a share of the axis of link i [m]."""
     for axis in range(3):
         p[axis] = work.start[i, axis] + share * (work.end[i, axis] - work.start[i, axis])
 
@@ -307,12 +304,12 @@ def _direction(a: Array, b: Array) -> Direction:
 
 @kernel
 def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkNeeds) -> bool:
-    """Return whether placed links keep their clearances from obstacles, from the load and from each other.
+    """Return whether placed links keep clear of obstacles, payload and each other.
 
     Parameters
     ----------
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
-    nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
+    nodes : array, shape (n_nodes, 3), keypoints [m]
     """
     left = needs.obstacle.copy()
     other, still = _lowered(arms, start, end, nodes, arms.around.obstacles, left, needs.other, needs.still)
@@ -326,7 +323,7 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
 def clearances_along(
     arms: Arms, joints: Array, nodes: Array, table: Array, clearance: float
 ) -> tuple[Array, float, float]:
-    """Compute the least clearances of links along a motion, as `LinkNeeds` names them.
+    """Compute the links' least clearances along a motion. See `LinkNeeds`.
 
     Parameters
     ----------
@@ -357,7 +354,7 @@ def _lowered(
     other: float,
     still: float,
 ) -> tuple[float, float]:
-    """Lower clearances, named as in `LinkNeeds`, to those of placed links; returns the numbers."""
+    """Lower clearances, named as in `LinkNeeds`, to those of placed links; return the numbers."""
     links, around = arms.links, arms.around
     for i in links.moving:
         p, q, thick = start[i], end[i], links.radius[i]

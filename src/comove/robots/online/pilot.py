@@ -1,11 +1,11 @@
-"""The pilot of an online run: it watches the reference, and chooses another course where that is worth it.
+"""The online replanner: it checks the reference, and replaces it for a better trajectory.
 
-The reference is first the verified plan. Every tenth of a second the pilot looks whether what moves, going on as it
-does now, would meet the arms or the load along it. Where it would, and every second where the reference is no longer
-the plan, the best course of the roadmap is computed; it begins where the reference, still followed for the time that
-thinking takes and then braked, comes to a stop, and is taken if it is worth it. Arms that were driven to where the
-roadmap does not lead are planned for anew, once they stand. All of that is counted in nodes and slots, never in
-computing time, so that runs repeat.
+The reference is first the verified plan. Every tenth of a second the replanner predicts whether moving obstacles,
+with their present motion, would meet the arms or the payload along it. Where they would, and every second where the
+reference is no longer the plan, the best trajectory of the roadmap is computed; it begins where the reference,
+followed during the computation and then braked, comes to a stop, and is chosen if it is better by enough. For arms
+that were displaced to where the roadmap does not lead, a new path is planned once they rest. All of that is counted
+in nodes and slots, never in computing time, so that runs repeat.
 """
 
 from __future__ import annotations
@@ -40,25 +40,25 @@ from comove.trajectory import interpolated
 
 @dataclass(frozen=True)
 class PilotSettings:
-    """Settings of a pilot.
+    """Settings of the online replanner.
 
     Attributes
     ----------
-    every : time between two looks along the reference [s]
-    at_once, anew : time between two choices of a course, where something would be met, and otherwise [s]; twice the
-        first where nothing better was found
-    thinking : time after which a new course can begin [s]
-    braking : share of the hands' acceleration that is used for a stop
-    worth : slots by which another course must be better
-    off : distance of the hands from the reference from which on a course begins where they are [m]
-    patience : time that arms may stay behind before any course is taken [s]
-    most_grown : how often the roadmap may grow where nothing in it is free
-    aside, n_aside : slots before a meeting, around which it grows as well, and by how many configurations
-    clear : slots ahead in which nothing may be touched for the reference to count as clear
-    n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no course leads from where
-        arms have come
-    spare : clearance of the load beyond the scene's, in the roadmap [m]
-    roadmap, courses, reference : settings of the roadmap, of the choice of a course, and of what is followed
+    every : time between two predictions along the reference [s]
+    at_once, anew : time between two choices of a trajectory, with predicted contact, and otherwise [s]; twice the
+        first without an improvement
+    thinking : time after which a new trajectory can begin [s]
+    braking : share of the end effectors' acceleration that is used for a stop
+    worth : slots by which another trajectory must be better
+    off : distance of the end effectors from the reference above which a trajectory begins at their place [m]
+    patience : time that arms may lag before any trajectory is chosen [s]
+    most_grown : how often the roadmap may grow without a free trajectory
+    aside, n_aside : slots before a contact, around which it grows as well, and by how many configurations
+    clear : slots ahead without contact for the reference to count as clear
+    n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no trajectory leads from
+        the arms' place
+    spare : clearance of the payload beyond the scene's, in the roadmap [m]
+    roadmap, courses, reference : settings of the roadmap, of the choice of a trajectory, and of references
     """
 
     every: float = 0.1
@@ -86,30 +86,30 @@ class PilotSettings:
 
 
 def movers(scene: Scene, seen: Sighting) -> Sighting:
-    """Return the rows of moving obstacles, and of what is seen beyond the scene's obstacles."""
+    """Return the rows of moving obstacles, and of those beyond the scene's."""
     n_more = len(seen.margin) - len(scene.owners)
     moves = np.append(scene.moving[scene.owners], np.ones(n_more, dtype=bool))
     return Sighting(*(array[moves] for array in seen))
 
 
 class Pilot(Replanner):
-    """A replanner of arms, which keeps a reference on a roadmap in time.
+    """An online replanner of arms, with a reference on a timed roadmap.
 
     Parameters
     ----------
-    standing : the scene without what moves
+    standing : the scene without moving obstacles
     arms : the arms in it
-    coordinates : coordinates of the load
+    coordinates : coordinates of the payload
     plan : the verified plan
-    needs : clearances that links keep from what stands, and from each other
-    goals : array, shape (n, n_joints), joints that hold the load at the goal, beside those of the plan
+    needs : clearances that links keep from static obstacles, and from each other
+    goals : array, shape (n, n_joints), joints that hold the payload at the goal, beside those of the plan
     seed : seed of the roadmap, and of plans from where it does not lead
 
     Attributes
     ----------
-    reference, clock : what is followed, and where on it the run is [s]
+    reference, clock : the reference, and the run's time on it [s]
     is_clear : whether the last prediction found the reference clear of obstacles
-    waited : time that the arms have not come along [s]
+    waited : time that the arms have lagged [s]
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class Pilot(Replanner):
 
     @property
     def growth(self) -> GrowingRoadmap:
-        """Return the roadmap, which is made when it is needed first."""
+        """Return the roadmap, created on first use."""
         if self._growth is None:
             rng, how = np.random.default_rng(self._seed), self.settings.roadmap
             plan = self._slots(self._plan, 0.0, self._plan.duration)
@@ -163,7 +163,7 @@ class Pilot(Replanner):
         return self._growth
 
     def prepare(self, seen: Sighting) -> None:
-        """Make the roadmap before the run begins, denser where nothing in it is free, and load all kernels."""
+        """Create the roadmap before the run, denser without a free trajectory. All kernels are loaded."""
         begin, joints, _ = self.reference.at(0.0)
         self._ahead(self.reference, 0.0, seen)
         self._planned(begin, joints)  # for its kernels alone
@@ -173,7 +173,7 @@ class Pilot(Replanner):
                 break
 
     def update(self, run: ControlLoop) -> None:
-        """Look along the reference from time to time, and choose another course where that is worth it."""
+        """Predict along the reference periodically, and replace it for a better trajectory."""
         if not self._is_due(run.time):
             return
         seen = movers(run.scene, run.observer.observe(run.time))
@@ -187,13 +187,13 @@ class Pilot(Replanner):
             run.tell(f"another course, of {self.reference.duration:.2f} s")
 
     def current(self, run: ControlLoop) -> Setpoint:
-        """Return the reference's poses now and a period later, its joints and their rates."""
+        """Return the reference's poses now and next, its joints and rates. Next is a period later."""
         configurations, joints, rates = self.reference.at(self.clock + np.array([0.0, run.period]))
         here, ahead = (poses_at(self.coordinates, q) for q in configurations)
         return Setpoint(here, ahead, False, joints[0], rates[0])
 
     def advance(self, run: ControlLoop, pace: float) -> None:
-        """Go on by a control period, at a share of the reference's pace; below a half the arms wait."""
+        """Advance by a control period, at a share of the reference's speed. Below a half the arms wait."""
         self.clock = min(self.clock + pace * run.period, self.reference.duration)
         waits = pace < 0.5 or self.clock >= self.reference.duration
         self.waited = self.waited + run.period if waits else 0.0
@@ -209,12 +209,12 @@ class Pilot(Replanner):
         return time - self._looked >= self.settings.every - 1e-9
 
     def looks_on(self, time: float, seen: Sighting, waited: float) -> bool:
-        """Look along the reference from time to time; return whether another course should be chosen.
+        """Predict along the reference periodically; return whether to choose another trajectory.
 
         Parameters
         ----------
-        seen : what moves
-        waited : time that the arms have not come along [s]
+        seen : moving obstacles
+        waited : time that the arms have lagged [s]
         """
         how = self.settings
         if not self._is_due(time):
@@ -233,14 +233,14 @@ class Pilot(Replanner):
         return not (fine or ends) and since >= how.anew
 
     def choose(self, time: float, seen: Sighting, here: Way, off: float, waited: float) -> bool:
-        """Choose a course, and return whether the reference is another one now.
+        """Choose a trajectory; return whether the reference has changed.
 
         Parameters
         ----------
-        seen : what moves
+        seen : moving obstacles
         here : configuration and joints of the run, one sample each
-        off : distance of the hands from the reference [m]
-        waited : time that the arms have not come along [s]
+        off : distance of the end effectors from the reference [m]
+        waited : time that the arms have lagged [s]
         """
         how = self.settings
         self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
@@ -266,7 +266,7 @@ class Pilot(Replanner):
         return True
 
     def stand(self, here: Way) -> None:
-        """Follow nothing any more but stand at a sample, and look for a course at once."""
+        """Rest at a sample, and choose a trajectory at once."""
         self.reference, self.clock = MotionReference.standing(here, self.settings.reference), 0.0
         self.is_clear, self.waited = False, self.settings.patience
         self._looked = self._chosen = -np.inf
@@ -274,9 +274,9 @@ class Pilot(Replanner):
     def _course(
         self, configuration: Array, joints: Array, seen: Sighting, stop: Stop
     ) -> RoadmapCourse | None:
-        """Return the best course from a configuration.
+        """Return the best trajectory from a configuration.
 
-        The roadmap grows where it leads to nothing that is free, also around where its best course meets something.
+        The roadmap grows without a free one, also around contacts of its best one.
         """
         how, found = self.settings, None
         for _ in range(2):
@@ -293,11 +293,11 @@ class Pilot(Replanner):
         return found
 
     def _before_meeting(self, way: Way, seen: Sighting, since: float) -> Array:
-        """Return configurations of a course from where it could yet turn aside; array, shape (n, n_columns).
+        """Return a trajectory's configurations before contact; array, shape (n, n_columns).
 
         Parameters
         ----------
-        way : samples of the course, which meets something
+        way : samples of the trajectory, which has a contact
         since : time from now until it begins [s]
         """
         how, slots = self.settings, np.arange(len(way.joints))
@@ -307,7 +307,7 @@ class Pilot(Replanner):
         return way.configurations[np.unique(np.maximum(meets - np.array(how.aside), 0))]
 
     def _planned(self, configuration: Array, joints: Array) -> Way | None:
-        """Return a way to the goal, to any joints there, that needs no roadmap; None where none was found."""
+        """Return a path to any joints at the goal without the roadmap. None on failure."""
         how, ground = self.settings, self._lenient(configuration, joints)
         end = self._plan.at(self._plan.duration)[0]
         nodes = self.coordinates.nodes(np.stack([configuration, end], axis=1)[None])[0]
@@ -334,7 +334,7 @@ class Pilot(Replanner):
         return None
 
     def _paced(self, path: Way) -> Way:
-        """Return samples of a path, one a slot, at the pace of the roadmap's ways."""
+        """Return samples of a path, one a slot, at the roadmap's speed."""
         space, ground = self.ground.space, self.ground
         spans = [span(space, p, q) for p, q in pairwise(path.configurations)]
         turned = (np.abs(np.diff(path.joints, axis=0)) / ground.most).max(axis=1)
@@ -343,7 +343,7 @@ class Pilot(Replanner):
         return Way(*(interpolated(at, slots, values) for values in path))
 
     def _ahead(self, reference: MotionReference, clock: float, seen: Sighting) -> Array:
-        """Return what a reference costs from now on, and then its end, slot by slot."""
+        """Return a reference's costs from now on, then its end's, by slot."""
         how = self.settings.courses
         if self._placed is None or self._placed[0] is not reference:
             slots = np.arange(1 + np.ceil(reference.duration / SLOT))
@@ -355,7 +355,7 @@ class Pilot(Replanner):
         return self.foresight.cost_along(self._placed[1], slots, seen, times)
 
     def _is_clear(self, ahead: Array) -> bool:
-        """Return whether nothing is touched soon, where slots cost as much as that; it may be a close shave."""
+        """Return whether there is no contact soon. A close pass is allowed."""
         return bool((ahead[: self.settings.clear] < self.foresight.touching).all())
 
     def _total(self, reference: MotionReference, clock: float, cost: Array) -> float:
@@ -366,7 +366,7 @@ class Pilot(Replanner):
         return float(cost.sum()) + max(0.0, to_go) + reference.left + again
 
     def _stop(self) -> Stop:
-        """Return how the reference comes to a stop from its present pace."""
+        """Return the stop of the reference from its present speed."""
         how, moment = self.settings, 0.02  # s
         then = self.clock + how.thinking
         p, q = self.reference.at(np.array([then, then + moment]))[0]
@@ -376,7 +376,7 @@ class Pilot(Replanner):
         )
 
     def _extended(self, configuration: Array, joints: Array) -> Roadmap | None:
-        """Return the roadmap with a configuration as its last node; None where nothing leads there."""
+        """Return the roadmap with a configuration as its last node; None without a connection."""
         for attempt in range(3):
             ways = self.growth.ways_to(configuration, joints)
             if ways:
@@ -389,7 +389,7 @@ class Pilot(Replanner):
         return None
 
     def _lenient(self, configuration: Array, joints: Array, less: float = 1e-3) -> Ground:
-        """Return a ground that asks for no more clearance than there is at a configuration."""
+        """Return a ground with no more required clearance than at a configuration."""
         nodes, ground = self.coordinates.nodes(configuration[None, :, None])[0, 0], self.ground
         keep, other, still = clearances_along(
             self.arms, joints[None], nodes[None], self.arms.around.obstacles, self.arms.around.clearance

@@ -1,7 +1,7 @@
-"""Recovery of a robot that was driven off: it gives way until it stands, and turns the load back.
+"""Recovery of a displaced robot: compliant until it rests, then back.
 
-What drives arms off tilts the load and the hands with it, and plans know only poses in which hands turn as the grasp
-says. The nearest of these is gone to: load and hands turn as one body about their middle.
+External forces tilt the payload and the end effectors as well, and plans contain only poses in which end effectors
+turn as the grasp determines. The nearest of these is the goal: both turn as one body about their middle.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ REACHING = Iteration(gain=0.0, keep=0.0, tolerance=1e-8, steady=np.inf, most=30)
 
 @dataclass(frozen=True)
 class RecoverySettings:
-    """Settings of what a robot does that was driven off.
+    """Settings of the recovery of a displaced robot.
 
     Attributes
     ----------
-    gives : difference of measured and commanded joints up to which arms hold against what drives them [rad]
-    still, rests : they stand once no joint has moved by more than this for this time [rad, s]
-    longest : time after which a robot that does not come to stand is given up [s]
-    turn, shift : of the load, from one step of the way back to the next at most [rad, m]
-    pace : share of the joints' speeds and accelerations at which that way is gone
+    gives : difference of measured and commanded joints up to which arms resist external forces [rad]
+    still, rests : they rest once no joint has moved by more than this for this time [rad, s]
+    longest : time after which a robot that does not come to rest raises an error [s]
+    turn, shift : of the payload, from one step of the way back to the next at most [rad, m]
+    pace : share of the joints' speeds and accelerations on that way
     """
 
     gives: float = 0.03
@@ -53,17 +53,17 @@ class RecoverySettings:
 
 
 class Recovery:
-    """A robot that was driven off, step by step.
+    """A displaced robot, step by step.
 
     Parameters
     ----------
-    began : when it was driven off [s]
-    measured : array, shape (n_joints,), where its arms were then [rad]
+    began : time of its displacement [s]
+    measured : array, shape (n_joints,), its arms' joints then [rad]
 
     Attributes
     ----------
-    way : the commands that are left of the way back, array, shape (n_steps, n_joints) [rad]
-    ended : whether it has gone back
+    way : remaining commands of the way back, array, shape (n_steps, n_joints) [rad]
+    ended : whether it has returned
     """
 
     def __init__(self, began: float, measured: Array, settings: RecoverySettings):
@@ -72,18 +72,18 @@ class Recovery:
         self.way, self.ended = measured[None][:0], False
 
     def stands(self, measured: Array, time: float) -> bool:
-        """Return whether the arms have not moved for long enough; to be asked at every step."""
+        """Return whether the arms have rested for long enough. It must be called at every step."""
         if np.abs(measured - self._place).max() > self.settings.still:
             self._place, self._since = measured.copy(), time
         return time - self._since >= self.settings.rests
 
     def command(self, before: Array, measured: Array, lost: float) -> Array:
-        """Return the next command, of the way back where there is one and arms come along, else one that gives way.
+        """Return the next command: of the way back, or a compliant one. The way back requires arms that follow.
 
         Parameters
         ----------
-        before, measured : arrays, shape (n_joints,), the last command, and where arms are [rad]
-        lost : difference of both at which arms do not come along [rad]
+        before, measured : arrays, shape (n_joints,), the last command, and the arms' joints [rad]
+        lost : difference of both at which arms do not follow [rad]
         """
         if len(self.way) and np.abs(measured - before).max() <= lost:
             command, self.way = self.way[0], self.way[1:]
@@ -96,12 +96,12 @@ class Recovery:
 def way_back(
     arms: Arms, joints: Array, held: Array, wanted: Array, settings: RecoverySettings = RecoverySettings()
 ) -> Array | None:
-    """Return joints by which hands turn a load to a pose; array, shape (n_steps, n_joints), None where arms cannot.
+    """Return joints that turn a payload to a pose; array, shape (n_steps, n_joints), or None.
 
     Parameters
     ----------
-    joints : array, shape (n_joints,), where the arms stand
-    held, wanted : arrays, shape (n_arms, 4, 4), poses of the hands there, and those they are to have
+    joints : array, shape (n_joints,), the arms' present joints
+    held, wanted : arrays, shape (n_arms, 4, 4), present and desired poses of the end effectors
     """
     turns = np.array([_turn(*ends) for ends in zip(held, wanted, strict=True)])
     place, target = held[:, :3, 3], wanted[:, :3, 3]
@@ -122,7 +122,7 @@ def way_back(
 
 
 def at_ease(arms: Arms, way: Array, period: float, settings: RecoverySettings = RecoverySettings()) -> Array:
-    """Return a way from rest to rest at a gentle pace, one sample a period [s]; arrays, shape (n_steps, n_joints)."""
+    """Return a path timed from rest to rest, sampled by `period` [s]; arrays, shape (n_steps, n_joints)."""
     chains = arms.chains
     steps = np.diff(way, axis=0)
     shares = approach_shares(way[1:], steps, chains.approach, chains.lower, chains.upper)
@@ -137,10 +137,9 @@ def at_ease(arms: Arms, way: Array, period: float, settings: RecoverySettings = 
 
 
 def _turn(here: Array, there: Array) -> Array:
-    """Return the rotation vector from one pose, array of shape (4, 4), to another [rad]."""
     return logarithm(quaternion_of_rotation(there[:3, :3] @ here[:3, :3].T))
 
 
 def _turned(turns: Array, points: Array) -> Array:
-    """Return points turned about the origin, each by a rotation vector; arrays, shape (n, 3)."""
+    """Return points turned by rotation vectors; arrays, shape (n, 3)."""
     return (matrices(exponential(turns)) @ points[:, :, None])[:, :, 0]

@@ -1,4 +1,4 @@
-"""Reference of an online run: configurations of the payload and joints as smooth functions of time."""
+"""Reference of an online run: payload configurations and joints over time."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class ReferenceSettings:
     Attributes
     ----------
     sample : time between samples of a curve [s]
-    width : width of the filter that rounds the corners of a course [s]
-    fading : time after which a course that is spliced in is filtered wholly [s]
-    tail : time after the end of a course in which the filter settles, in its widths
+    width : width of the filter that rounds the corners of a trajectory [s]
+    fading : time after which a spliced trajectory is filtered wholly [s]
+    tail : time after the end of a trajectory in which the filter settles, in its widths
     """
 
     sample: float = 0.02
@@ -35,20 +35,20 @@ class ReferenceSettings:
 
     @property
     def settling(self) -> float:
-        """Return the time after the end of a course in which the filter settles [s]."""
+        """Return the time after a trajectory in which the filter settles [s]."""
         return self.tail * self.width
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A way to leave a reference: it is followed while another is looked for, and then braked."""
+    """The stop of a reference: followed during replanning, and then braked."""
 
     thinks: float  # s
     brakes: float  # s
 
     @property
     def after(self) -> float:
-        """Return the time from now at which it stands [s]."""
+        """Return the time from now until rest [s]."""
         return self.thinks + self.brakes
 
 
@@ -60,7 +60,7 @@ class MotionReference:
     ----------
     time : array, shape (n_samples,), from 0 [s]
     way : its samples
-    left : slots that are left to the goal from its end
+    left : slots from its end to the goal
     settings : see `ReferenceSettings`
     """
 
@@ -76,7 +76,7 @@ class MotionReference:
         columns: Integers,
         settings: ReferenceSettings = ReferenceSettings(),
     ) -> MotionReference:
-        """Return a verified carry as a reference; `columns` are those of the arms' joints."""
+        """Return a verified transfer motion as a reference; `columns` are those of the arms' joints."""
         duration, motion = plan.joints.duration, plan.motion.motion
         time = np.linspace(0.0, duration, 1 + int(np.ceil(duration / settings.sample)))
         joints = plan.joints.at(time)[0][:, columns]
@@ -85,18 +85,18 @@ class MotionReference:
 
     @classmethod
     def standing(cls, here: Way, settings: ReferenceSettings = ReferenceSettings()) -> MotionReference:
-        """Return a reference that stands at a sample."""
+        """Return a reference at rest at a sample."""
         way = Way(*(np.repeat(values[:1], 2, axis=0) for values in here))
         return cls(np.array([0.0, settings.sample]), way, settings=settings)
 
     def spliced(self, now: float, stop: Stop, course: Way, slot: float, left: float) -> MotionReference:
-        """Return this reference from now on, braked to a stop, and then a course, its corners rounded.
+        """Return this reference from now on, braked, and then a trajectory. Its corners are rounded.
 
         Parameters
         ----------
-        now : where this reference is [s]
+        now : present time on this reference [s]
         course : samples, one a slot [s]
-        left : slots that are left to the goal from the course's end
+        left : slots from the trajectory's end to the goal
         """
         how, after = self.settings, stop.after + slot * np.arange(len(course.joints), dtype=np.float64)
         end = after[-1] + how.settling
@@ -115,7 +115,7 @@ class MotionReference:
         return MotionReference(time, Way(*curves), left, how)
 
     def braked(self, now: float, stop: Stop, time: ArrayLike) -> Array:
-        """Return where this reference is if its pace falls evenly from 1 to 0."""
+        """Return the time on this reference if it brakes evenly to rest."""
         t = np.minimum(np.asarray(time, dtype=float), stop.after)
         late = np.maximum(t - stop.thinks, 0.0)
         return np.minimum(now + t - 0.5 * late**2 / max(stop.brakes, 1e-9), self.duration)

@@ -1,8 +1,8 @@
-"""The roadmap of an online run: configurations of the load with joints that hold it, and ways between them.
+"""The roadmap of an online run: payload configurations with joints, and paths.
 
 It begins with the plan, an instant of it for every slot of time, and grows by random configurations beside it, as a
-rapidly exploring random graph does (Karaman and Frazzoli, 2011). Whatever is in it keeps clear of all that stands,
-and arms can follow it at a moderate pace; what moves is looked at when a course is chosen
+rapidly exploring random graph does (Karaman and Frazzoli, 2011). It keeps clear of all static obstacles, and arms can
+follow it at a moderate speed; moving obstacles are considered in the choice of a trajectory
 (`comove.robots.online.courses`).
 """
 
@@ -34,15 +34,15 @@ class RoadmapSettings:
     Attributes
     ----------
     n_nodes, n_more : configurations beside the plan, and of every further growth
-    n_draws : random configurations for every one that is wanted
-    reach : longest way of a new configuration to the nearest one, and of it to others [m]
-    apart : least way between two configurations to which one is joined [m]
+    n_draws : random configurations for every added one
+    reach : longest path of a new configuration to the nearest one, and of it to others [m]
+    apart : least path between two configurations to which one is joined [m]
     n_joined : configurations to which a new one is joined at most
-    nearby : share of random configurations that are drawn near to one that is there
-    speed, rates : shares of the limits of hands and joints at which ways are gone
-    fastest : speed of hands where the scene has no limit [m/s]
-    agree, turning : largest difference of redundant joints where two ways meet, which one of them makes up for [rad],
-        and the share of `rates` that this may take
+    nearby : share of random configurations that are drawn near to an existing one
+    speed, rates : shares of the limits of end effectors and joints on paths
+    fastest : speed of end effectors where the scene has no limit [m/s]
+    agree, turning : largest difference of redundant joints where two paths meet, which one of them compensates [rad],
+        and the share of `rates` for that
     """
 
     n_nodes: int = 1800
@@ -60,7 +60,7 @@ class RoadmapSettings:
 
 
 class Way(NamedTuple):
-    """Samples of a way, one a slot, both ends included.
+    """Samples of a path, one a slot, both ends included.
 
     Attributes
     ----------
@@ -72,15 +72,15 @@ class Way(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """The criteria by which ways of the load and the arms are judged.
+    """The criteria for paths of payload and arms.
 
     Attributes
     ----------
-    space : the load's space among what stands, whose `required` is the margin that is kept
-    arms : the arms among what stands
-    needs : clearances that links keep
-    most : array, shape (n_joints,), by which joints may move in a slot [rad]
-    step : by which the load may move in a slot [m]
+    space : the payload's space among static obstacles, whose `required` is the margin
+    arms : the arms among static obstacles
+    needs : required clearances of links
+    most : array, shape (n_joints,), largest joint motion in a slot [rad]
+    step : largest payload motion in a slot [m]
     """
 
     space: Space
@@ -92,9 +92,7 @@ class Ground(NamedTuple):
 
 @kernel
 def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
-    """Write the way from p, whose joints are the first of `way`, straight to a target; returns whether it is `FREE`,
-    `BLOCKED`, or too `FAST` for the joints.
-    """
+    """Write the straight path from p to a target; return `FREE`, `BLOCKED` or too `FAST`."""
     space, arms, needs, most, _ = ground
     (configurations, joints), n = way, way.joints.shape[0] - 1
     nodes, rotation = np.empty((space.blocks.node.shape[0], 3)), np.empty((3, 3))
@@ -122,7 +120,7 @@ def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
 
 @kernel
 def nearest(space: Space, configurations: Array, q: Array) -> int:
-    """Return the number of the configuration from which the way to q is shortest."""
+    """Return the number of the configuration nearest to q."""
     best, least = 0, np.inf
     for i in range(configurations.shape[0]):
         away = span(space, configurations[i], q)
@@ -133,12 +131,12 @@ def nearest(space: Space, configurations: Array, q: Array) -> int:
 
 @kernel
 def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, float], most: int) -> Integers:
-    """Return numbers of configurations near to q, nearest first, that are not all at one place; array, shape (n,).
+    """Return numbers of separate configurations near q, nearest first; array, shape (n,).
 
     Parameters
     ----------
-    within : longest way to q, and least way between two that are returned [m]
-    most : how many are returned at most
+    within : longest path to q, and least path between two returned ones [m]
+    most : largest number returned
     """
     far, apart = within
     near, away = np.empty(configurations.shape[0], dtype=np.int64), np.empty(configurations.shape[0])
@@ -163,15 +161,15 @@ def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, f
 
 
 class Roadmap(NamedTuple):
-    """Configurations with joints, and ways between them.
+    """Configurations with joints, and paths between them.
 
     Attributes
     ----------
-    configurations, joints : arrays, shape (n_samples, n_columns) and (n_samples, n_joints), of nodes and inside ways
+    configurations, joints : arrays, shape (n_samples, n_columns) and (n_samples, n_joints), of nodes and inside paths
     nodes : array of int, shape (n_nodes,), samples of the nodes
     goal : number of the node at the goal
-    source, target, slots : arrays of int, shape (n_ways,): ends of the ways, and how many slots they take
-    begin, stride : arrays of int, shape (n_ways,), the first sample inside a way, and 1 or -1, by which they go on
+    source, target, slots : arrays of int, shape (n_ways,): ends of the paths, and their durations in slots
+    begin, stride : arrays of int, shape (n_ways,), the first sample inside a path, and its stride, 1 or -1
     """
 
     configurations: Array
@@ -185,7 +183,7 @@ class Roadmap(NamedTuple):
     stride: Integers
 
     def with_node(self, configuration: Array, joints: Array, ways: list[tuple[int, Way]]) -> Roadmap:
-        """Return the roadmap with one node more, and ways to it from others, to be gone in both directions."""
+        """Return the roadmap with another node and paths to it. They are used in both directions."""
         new = len(self.nodes)
         at = np.append(self.nodes, len(self.joints))
         added = _roadmap(
@@ -205,7 +203,7 @@ class Roadmap(NamedTuple):
 
 
 def _roadmap(nodes: Way, ways: list[tuple[int, int, Way]], goal: int) -> Roadmap:
-    """Return the roadmap of some nodes and of ways between them, given by source and target."""
+    """Return the roadmap of nodes and paths, given by source and target."""
     counts = np.array([len(way.joints) - 2 for *_, way in ways], dtype=np.int64)
     begins, ones = len(nodes.joints) + np.cumsum(counts) - counts, np.ones_like(counts)
     source, target = (np.array([way[k] for way in ways], dtype=np.int64) for k in range(2))
@@ -227,7 +225,7 @@ class GrowingRoadmap:
 
     Parameters
     ----------
-    ground : what ways are judged by
+    ground : criteria for paths
     plan : the plan's samples, one a slot
     rng : source of random configurations
     """
@@ -241,13 +239,13 @@ class GrowingRoadmap:
 
     @property
     def roadmap(self) -> Roadmap:
-        """Return the roadmap as it is."""
+        """Return the present roadmap."""
         if self._known is None:
             self._known = _roadmap(self._nodes, self._ways, self._goal)
         return self._known
 
     def grow(self, n_nodes: int, around: Array | None = None) -> None:
-        """Add up to so many configurations; near to one that is given, where one is."""
+        """Add up to so many configurations, near a given one, if any."""
         how, added = self.settings, 0
         for _ in range(n_nodes * how.n_draws):
             if added == n_nodes:
@@ -265,11 +263,11 @@ class GrowingRoadmap:
         self._known = None
 
     def ways_to(self, configuration: Array, joints: Array | None = None) -> list[tuple[int, Way]]:
-        """Return ways to a configuration from nodes nearby, whose joints agree at its end.
+        """Return paths to a configuration from nodes nearby, with consistent final joints.
 
         Parameters
         ----------
-        joints : array, shape (n_joints,), the joints at the configuration; those of the nearest node's way unless
+        joints : array, shape (n_joints,), the joints at the configuration; those of the nearest node's path unless
             given
         """
         how, found = self.settings, list[tuple[int, Way]]()
@@ -287,7 +285,7 @@ class GrowingRoadmap:
         return found
 
     def _drawn(self, around: Array | None) -> Array:
-        """Return a random configuration, or a point between one that is there and a random one."""
+        """Return a random configuration, or a point towards it from a node."""
         space, how, there = self.ground.space, self.settings, self._nodes.configurations
         drawn = np.empty(there.shape[1])
         random_configuration(space, self.rng, drawn)
@@ -299,7 +297,7 @@ class GrowingRoadmap:
         return self._towards(here, drawn, self.rng.random())
 
     def _towards(self, here: Array, there: Array, share: float = 1.0) -> Array:
-        """Return the configuration at most a reach, or a share of it, from `here` towards `there`."""
+        """Return the configuration at a share of a reach towards `there`."""
         out, way = np.empty_like(here), span(self.ground.space, here, there)
         interpolate(
             self.ground.space, here, there, min(1.0, share * self.settings.reach / max(way, 1e-12)), out
@@ -307,7 +305,7 @@ class GrowingRoadmap:
         return out
 
     def _way(self, node: int, configuration: Array) -> Way | None:
-        """Return the way from a node to a configuration; None where it is blocked."""
+        """Return the path from a node to a configuration; None if blocked."""
         begin = self._nodes.configurations[node]
         n = max(1, int(np.ceil(span(self.ground.space, begin, configuration) / self.ground.step)))
         for slower in (1, 2):

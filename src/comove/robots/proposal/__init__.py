@@ -1,4 +1,4 @@
-"""Descriptions that URDFs suggest, what can be said of them before anything is carried, and a first scene."""
+"""Descriptions suggested by URDFs, their examination, and a first scene."""
 
 from comove.robots.proposal.bodies import scene_of
 from comove.robots.proposal.examination import ArmFindings, Examination, examine

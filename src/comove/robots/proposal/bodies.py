@@ -1,4 +1,4 @@
-"""The collision bodies of a robot and about it: points that hold them, and which pairs touch, or never do."""
+"""Collision bodies of and about a robot, as points, and their contacts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROOM = 20.0  # m, half the width of a scene that states none
 
 
 def placed_bodies(robot: Robot, q: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the link of every collision body and points whose hull holds it; arrays, shape (n, 3) [m].
+    """Yield every collision body's link and bounding points; arrays, shape (n, 3) [m]. Their hull contains it.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def placed_bodies(robot: Robot, q: Array) -> Iterator[tuple[str, Array]]:
 
 
 def points_from_tip(robot: Robot, arm: Arm, links: Collection[str]) -> Array:
-    """Return points around the bodies of some links at home in the frame of an arm's tip; array, shape (n, 3) [m]."""
+    """Return points around links at home in an arm's tip frame; array, shape (n, 3) [m]."""
     tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
     points = [points for link, points in placed_bodies(robot, robot.home) if link in links]
     return np.asarray((np.concatenate([np.empty((0, 3)), *points]) - tip[:3, 3]) @ tip[:3, :3])
@@ -49,7 +49,7 @@ def link_of(geometry: str) -> str:
 
 
 def _points_around(shape: coal.CollisionGeometry) -> Array:
-    """Return the vertices of a mesh, or the corners of the box about another body; array, shape (n, 3) [m]."""
+    """Return a mesh's vertices, or the corners of a body's box; array, shape (n, 3) [m]."""
     if isinstance(shape, coal.BVHModelBase | coal.ConvexBase):
         return vertices_of(shape)
     shape.computeLocalAABB()
@@ -76,7 +76,7 @@ def touching(robot: Robot, joints: Array, margin: float | Array = 0.0) -> NDArra
 
 
 def pairs_of(robot: Robot) -> list[tuple[str, str]]:
-    """Return the names of the links of every pair of bodies that is compared, sorted within the pair."""
+    """Return the link names of every compared pair of bodies. They are sorted within the pair."""
     links = [link_of(item.name) for item in robot.collision.geometryObjects]
     both = (sorted((links[pair.first], links[pair.second])) for pair in robot.collision.collisionPairs)
     return [(a, b) for a, b in both]
@@ -91,17 +91,16 @@ def near_but_apart(
     most_between: int = 2,
     contact: float = 5e-4,
 ) -> set[tuple[str, str]]:
-    """Return the pairs of links that come nearer to each other than a home keeps them, but do not touch.
+    """Return pairs of links nearer than at a home, but without contact.
 
-    Of those that are seen to do so in random configurations, only links with one or two joints between them can be
-    among these: they are looked at on a grid of these joints, refined about its nearest configuration. So it is seen,
-    not proved.
+    Candidates are seen in random configurations, and only links with one or two joints between them: they are checked
+    on a grid of these joints, refined about its nearest configuration. So the result is observed, not proved.
 
     Parameters
     ----------
     margin : array, shape (n_pairs,), distance that each pair keeps [m]
     count : number of random configurations
-    most_between : joints between two links whose every distance can be looked at
+    most_between : joints between two links whose distances can be sampled
     contact : distance of two links that counts as contact [m]
     """
     joints = rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))
@@ -125,7 +124,7 @@ def near_but_apart(
 
 
 def _least_distance(robot: Robot, k: int, columns: Sequence[int]) -> float:
-    """Return the least distance of pair k of bodies on a grid of some joints, and on finer ones about it [m]."""
+    """Return the least distance of pair k on joints' refined grids [m]."""
     n_grid, n_grids = 21, 4  # configurations of a joint on a grid, and grids one about the nearest of another
     model, geometry = robot.model, robot.collision
     data, of_geometry = model.createData(), geometry.createData()
@@ -170,7 +169,7 @@ def names_of(around: Scene) -> list[str]:
 
 
 def among(robot: Robot, around: Scene | None) -> Robot:
-    """Return a robot with the obstacles of a scene, if any, for bodies that every moving link is compared with."""
+    """Return a robot with the obstacles of a scene, if any. Every moving link is compared with them."""
     if around is None:
         return robot
     geometry = robot.collision.copy()
@@ -185,7 +184,7 @@ def among(robot: Robot, around: Scene | None) -> Robot:
 
 
 def buried(robot: Robot, around: Scene | None, q: Array) -> list[str]:
-    """Return which links are inside solids that meshes of a scene close, in words, as no triangle need be near them.
+    """Return which links are inside a scene's closed meshes, in words. No triangle need be near them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""An examination of a robot before it carries anything: reach, the space that arms share, its home, what lacks."""
+"""An examination of a robot: reach, shared space, home and missing parts."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class ExaminationSettings:
     ----------
     n_drawn : random configurations of every arm, from which its reach follows
     n_tested : random configurations of the robot that are tested for contact
-    shared : distance from a place of another hand within which a place counts as shared [m]
-    often : share of random configurations from which on a pair that touches is told
-    most_named : links without a collision body that are named
+    shared : distance from a place of another end effector within which a place counts as shared [m]
+    often : least share of random configurations with contact for a message
+    most_named : named links without a collision body, at most
     """
 
     n_drawn: int = 2000
@@ -71,12 +71,12 @@ class Examination:
     Attributes
     ----------
     arms : of every arm
-    shared : share of the places of one arm's hand that another's reaches too, by pair of arms
+    shared : share of the places of one arm's end effector that another's reaches too, by pair of arms
     clearance : least distance of two links at home [m], inf where no two can collide
     nearest : names of these links
-    free : share of random configurations in which nothing touches
-    faults : what must be mended before it carries, in words
-    doubts : what should be looked at, in words
+    free : share of random configurations without contact
+    faults : faults that must be corrected before use, in words
+    doubts : doubts that should be checked, in words
     """
 
     arms: tuple[ArmFindings, ...]
@@ -98,12 +98,12 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
 
     Parameters
     ----------
-    around : scene whose obstacles stand around it, and whose load, if it has one, its arms have to be rated for
+    around : scene of its obstacles, and of a payload, if any, that its arms have to be rated for
 
     Raises
     ------
     RobotError
-        If the robot has no arm that the load's scene names.
+        If the robot has no arm that the payload's scene names.
     """
     rng = np.random.default_rng(seed)
     robot, alone = among(robot, around), robot
@@ -211,7 +211,7 @@ def findings_of(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings
 
 
 def overloaded(robot: Robot) -> dict[str, float]:
-    """Return the joints whose motors cannot hold the robot's own weight at home, and the torques in what they can."""
+    """Return joints that cannot hold the robot at home, with relative torques."""
     torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.home)
     shares = np.abs(torque) * (1.0 - robot.relief) / robot.effort
     return {robot.joint_names[k]: float(shares[k]) for k in np.flatnonzero(shares > 1.0)}
@@ -234,8 +234,9 @@ def _leave_out(robot: Robot, a: str, b: str) -> str:
 
 
 def _neighbours(robot: Robot) -> list[tuple[str, str]]:
-    """Return the pairs of arms that no third arm stands between: none whose base is nearer to both bases than these
-    are to each other (the relative neighbourhood graph: Toussaint, 1980).
+    """Return the pairs of arms without a third arm between them.
+
+    No base is nearer to both bases than these are to each other (the relative neighbourhood graph: Toussaint, 1980).
     """
     bases = np.array([base_of(robot, arm) for arm in robot.arms])
     apart = np.linalg.norm(bases[:, None] - bases, axis=-1).round(6)
@@ -248,19 +249,19 @@ def _neighbours(robot: Robot) -> list[tuple[str, str]]:
 
 
 def _gap(arms: tuple[ArmFindings, ...], a: str, b: str) -> float:
-    """Return the least distance of places of two hands that were seen [m]."""
+    """Return the least distance of two end effectors' sampled places [m]."""
     one, other = (next(arm.places for arm in arms if arm.name == name) for name in (a, b))
     return float(cKDTree(one).query(other)[0].min())
 
 
 def _shared(a: Array, b: Array) -> float:
-    """Return the share of the places of one hand that are as near as `SETTINGS.shared` to a place of another's."""
+    """Return the share of places within `SETTINGS.shared` of another end effector's."""
     distance, _ = cKDTree(b).query(a, distance_upper_bound=SETTINGS.shared)
     return float(np.isfinite(distance).mean())
 
 
 def _without_bodies(robot: Robot) -> list[str]:
-    """Return the links that joints move and pictures show, but which have no collision body."""
+    """Return the movable, visible links without a collision body."""
     found = list[str]()
     for source in robot.sources:
         for link in ET.fromstring(source.urdf).findall("link"):

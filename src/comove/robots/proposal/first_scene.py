@@ -1,4 +1,4 @@
-"""A first scene for a robot: where two of its hands reach, they lift a bar over a rail, and a solver proves it."""
+"""A first scene for a robot: two end effectors lift a bar over a rail. A solver proves it."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ class FirstSceneSettings:
 
     Attributes
     ----------
-    n_cells : of the grid of places of the load, each way
-    cells : distances from one place to the next, the finer ones where the others are not enough [reaches]
+    n_cells : of the grid of places of the payload, in each direction
+    cells : distances of neighbouring places, finer ones where the others are not enough [reaches]
     above : height of the lowest place above the floor [reaches]
-    aside : room about all places [reaches]
+    aside : clearance about all places [reaches]
     n_seeds : random joints, from which a place is solved
-    lengths : of the bar that are tried [distances of the hands at home]
+    lengths : of the bar that are tried [distances of the end effectors at home]
     shortest : length of the shortest bar [reaches]
-    fewest, most : places in a row, forwards and upwards, that a carry over a rail needs and has at most
-    rails : heights of the rail that are tried, as shares of what the load can be lifted by
-    n_tried : scenes that are solved, of those that both hands reach
-    n_carried : scenes that are carried out, until one is left without approach and release
-    rounds : work to solve each, as `Budget.work`, and time to carry [s], in turn: most that can be carried is solved
-        in the first, and a joint may be slow
+    fewest, most : least and largest number of places in a row, forwards and upwards, for a motion over a rail
+    rails : heights of the rail that are tried, as shares of the payload's lift
+    n_tried : scenes that are solved, of those that both end effectors reach
+    n_carried : solved scenes after which one without approach and release is accepted
+    rounds : work to solve each, as `Budget.work`, and duration [s], in turn: the first solves most, and a joint may
+        be slow
     """
 
     n_cells: int = 11
@@ -78,13 +78,13 @@ SETTINGS = FirstSceneSettings()
 
 @dataclass(frozen=True)
 class SceneProposal:
-    """A scene that a robot was seen to carry out.
+    """A scene that a robot has solved.
 
     Attributes
     ----------
     data : contents of its file (`comove.model.files.keys.SceneFile`)
     found : its verified motion
-    unreached : why no approach and release lead to and from home; empty where they do
+    unreached : reason why no approach and release lead to and from home; empty where they do
     """
 
     data: dict[str, Any]
@@ -101,19 +101,19 @@ class SceneProposal:
 
 @dataclass(frozen=True)
 class _Place:
-    """A bar between two hands, and where they can carry it: in the plane halfway between them.
+    """A bar between two end effectors, and its places halfway between them.
 
     Attributes
     ----------
-    arms : the hand at the larger coordinate along the bar first
+    arms : the end effector at the larger coordinate along the bar first
     axis : the bar's axis, 0 for x or 1 for y
     length : of the bar [m]
     grasp : of the scene file
-    lower, upper : of the places of the bar's middle that both hands reach, arrays, shape (3,) [m]
+    lower, upper : of the places of the bar's middle that both end effectors reach, arrays, shape (3,) [m]
     reach : the smaller arm's [m]
-    floor : height on which the robot stands [m]
+    floor : height of the robot's floor [m]
     cell : distance of neighbouring places [m]
-    aside : room about all places [m]
+    aside : clearance about all places [m]
     """
 
     arms: tuple[Arm, Arm]
@@ -134,24 +134,24 @@ class _Place:
         return float(size[1 - self.axis] * size[2])
 
     def _vector(self, across: float, onward: float, up: float) -> Array:
-        """Return a vector by its parts along the bar, the other way and upwards; array, shape (3,) [m]."""
+        """Return a vector by its parts along, across and above the bar; array, shape (3,) [m]."""
         x, y = (across, onward) if self.axis == 0 else (onward, across)
         return np.array([x, y, up])
 
     def data(
         self, named: str, rail: float, duration: float, around: Sequence[dict[str, Any]] = ()
     ) -> dict[str, Any]:
-        """Return the contents of a scene file in which the bar is lifted over a rail.
+        """Return a scene file's contents, in which the bar passes a rail.
 
-        All suits the arms' reach: the bar's radius is 1.2 % of it, but at most an eighth of the way; its mass 0.2 kg
-        for each metre of it, if they are rated for that, and the speed 0.6 times it a second.
+        All is relative to the arms' reach: the bar's radius is 1.2 % of it, but at most an eighth of the path; its
+        mass 0.2 kg for each metre of it, if they are rated for that, and the speed 0.6 times it a second.
 
         Parameters
         ----------
-        named : the robot, as the scene names it
-        rail : height of the rail, as a share of what the bar can be lifted by
-        duration : of the carry [s]
-        around : obstacles that stand around the robot, as a scene has them
+        named : the robot's name in the scene
+        rail : height of the rail, as a share of the bar's lift
+        duration : of the transfer motion [s]
+        around : obstacles around the robot, in a scene's format
         """
         reach, inset = self.reach, self._vector(0.0, 0.5 * self.cell, 0.5 * self.cell)
         half = self._vector(0.5 * self.length, 0.0, 0.0)
@@ -210,22 +210,22 @@ def propose_scene(
     folder: Path = Path(),
     seed: int = 0,
 ) -> SceneProposal:
-    """Propose a first scene for a robot, which is solved once so that it is known to be feasible.
+    """Propose a first scene for a robot, solved once to prove feasibility.
 
-    Two hands hold a bar between them, turned in one of the ways in which they reach the largest space about their
-    home; the bar lies along x or y, as the arms stand side by side, and is carried the other way over a rail.
+    Two end effectors hold a bar between them, turned in one of the ways in which they reach the largest space about
+    their home; the bar lies along x or y, as the arms stand side by side, and is moved the other way over a rail.
 
     Parameters
     ----------
-    named : the robot's name or its description's path, as the scene will name it
-    around : obstacles that stand around the robot, as a scene has them
+    named : the robot's name or its description's path, for the scene
+    around : obstacles around the robot, in a scene's format
     folder : folder of the scene, to which files of obstacles are relative
     seed : of the solver
 
     Raises
     ------
     RobotError
-        If the robot has one arm only, its hands reach no place together, or nothing that they reach is solved.
+        If the robot has one arm only, its end effectors reach no place together, or no scene within reach is solved.
     """
     if len(robot.arms) < 2:
         raise RobotError(
@@ -274,8 +274,10 @@ def propose_scene(
 
 
 def _ranked(places: Sequence[_Place]) -> list[_Place]:
-    """Return the places in the order in which they are tried: the largest first, but where the same bar is held in
-    the same place, one way to turn the hands on it for each such place before there is another.
+    """Return the places in the order in which they are tried.
+
+    The largest are first, but where the same bar is held in the same place, one turn of the end effectors on it for
+    each such place precedes any other.
     """
     known = Counter[tuple[object, ...]]()
     order = list[tuple[int, float, int]]()
@@ -287,12 +289,12 @@ def _ranked(places: Sequence[_Place]) -> list[_Place]:
 
 
 def _places(robot: Robot, cell: float, standing: Scene) -> Iterator[_Place]:
-    """Yield where the two hands that are nearest to each other at home reach a bar, for every way to hold it.
+    """Yield where two end effectors reach a bar, by grasp. They are the nearest to each other at home.
 
     Parameters
     ----------
     cell : distance of neighbouring places [reaches]
-    standing : scene of what stands around the robot
+    standing : scene of the obstacles around the robot
     """
     home = {arm.name: robot.tool_pose(robot.home, arm)[:3, 3] for arm in robot.arms}
     pair = min(
@@ -331,20 +333,20 @@ def _places(robot: Robot, cell: float, standing: Scene) -> Iterator[_Place]:
 
 
 def _turn_at_home(robot: Robot, arm: Arm, axis: int) -> float:
-    """Return by how much a hand that points down at home is turned on a bar along an axis [deg], to 5 degrees."""
+    """Return a downward end effector's turn on a bar at home [deg]. It is rounded to 5 degrees."""
     x, y = (robot.tool_pose(robot.home, arm)[:3, :3] @ HELD["down"].T)[:2, 0]
     turn = np.rad2deg(np.arctan2(y, x)) - 90.0 * axis
     return float(5.0 * np.round(((turn + 180.0) % 360.0 - 180.0) / 5.0))
 
 
 def _at_cell(around: Array, axis: int, cell: Cell) -> Array:
-    """Return the place of the bar's middle at a cell of the grid, forwards and upwards; array, shape (3,) [m]."""
+    """Return the bar's middle at a grid cell, forwards and upwards; array, shape (3,) [m]."""
     shares = np.insert(np.array(cell) / (SETTINGS.n_cells - 1), axis, 0.0)
     return around[0] + shares * (around[1] - around[0])
 
 
 def _reached(robot: Robot, place: _Place, standing: Scene) -> Cells:
-    """Return where each hand reaches a bar that is clear; array, shape (2, n_cells, n_cells), forwards and up."""
+    """Return where each end effector reaches a clear bar; array, shape (2, n_cells, n_cells), forwards and up."""
     data = place.data(robot.name, 0.0, SETTINGS.rounds[0][1]) | {
         "obstacles": [obstacle.model_dump() for obstacle in standing.file.obstacles]
     }
@@ -361,8 +363,7 @@ def _reached(robot: Robot, place: _Place, standing: Scene) -> Cells:
 
 
 def largest_rectangle(free: Cells, fewest: int, most: int) -> tuple[Cell, Cell] | None:
-    """Return the first and last cell of the largest rectangle that is free, of those the one nearest to the middle,
-    which is home; None where none is large enough.
+    """Return the largest free rectangle's first and last cell. None if too small; of several, the one nearest home.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""A home for every arm: hands down and in front, joints far from limits, nothing that touches.
+"""A home for every arm: end effector down and in front, joints central.
 
-Arms stand side by side with their hands in front of them, or face each other with both hands between them. A home
-keeps the rules of the search, and of approach and release, which begin and end there.
+Arms stand side by side with their end effectors in front of them, or face each other with both end effectors between
+them. A home keeps the rules of the search, and of approach and release, which begin and end there.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ class HomeSettings:
     Attributes
     ----------
     n_drawn, n_tried : random configurations of an arm, and those that are settled and tested for contact
-    n_steps, gain, damping : of the iteration by which a hand settles
-    backwards : mean place of the hands along x below which the front is where x is negative [reaches]
-    in_front : where the front begins along x [reaches]
-    most_signs : joints of an arm of which all signs are tried for one in a mirror
-    settled : by how much a hand may miss its home, or another one in a mirror [reaches and radians together]
-    apart : distance of the hands of arms that face each other [reaches]
-    far : share of the places of hands that are nearer than a home
-    steep : angle from straight down of an approach that counts as down where a home is looked for [rad]
-    near_down : angle from straight down at home from which on it is told [rad]
+    n_steps, gain, damping : of the iteration by which an end effector settles
+    backwards : mean place of the end effectors along x below which the front is at negative x [reaches]
+    in_front : beginning of the front along x [reaches]
+    most_signs : joints of an arm up to which all signs are tried for a mirror image
+    settled : largest miss of an end effector from its home, or from a mirror image [reaches and radians together]
+    apart : distance of the end effectors of arms that face each other [reaches]
+    far : share of the places of end effectors that are nearer than a home
+    steep : angle from straight down of an approach that counts as down in the search for a home [rad]
+    near_down : angle from straight down at home above which it is reported [rad]
     digits : of joints at home
     """
 
@@ -64,15 +64,15 @@ SETTINGS = HomeSettings()
 
 
 def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> tuple[list[Array], list[str]]:
-    """Find a home for every arm: of random configurations the best one that is free once its hand is turned down.
+    """Find the best free random configuration of every arm as a home. End effectors are turned down first.
 
     Parameters
     ----------
-    around : scene whose obstacles stand around the robot
+    around : scene of the obstacles around the robot
 
     Returns
     -------
-    joint positions by arm, arrays, shape (n_joints,) [rad, m], and notes on what they lack
+    joint positions by arm, arrays, shape (n_joints,) [rad, m], and notes on their flaws
     """
     q, notes, robot, alone = robot.home, [], among(robot, around), robot
     rng = np.random.default_rng(seed)
@@ -125,7 +125,7 @@ def clearance_at_home(robot: Robot) -> Array:
 
 
 def near_limits(robot: Robot, rounding: float = 1e-9) -> Iterator[tuple[str, float, float, float]]:
-    """Yield each joint that is too near to a limit at home: its name, distance, and the range that keeps it off."""
+    """Yield joints too near limits at home, with distances and allowed ranges."""
     keep, q = limit_margin(robot), robot.home
     lower, upper = robot.lower + keep, robot.upper - keep
     for k in np.flatnonzero((q < lower - rounding) | (q > upper + rounding)):
@@ -134,7 +134,7 @@ def near_limits(robot: Robot, rounding: float = 1e-9) -> Iterator[tuple[str, flo
 
 
 def links_apart_at_home(robot: Robot) -> list[tuple[tuple[str, str], float, float]]:
-    """Return links, distance and the distance that they have to keep at home, the nearest first [m]."""
+    """Return links, their distances and required ones at home, nearest first [m]."""
     geometry, needed = robot.collision, clearance_at_home(robot)
     if not len(needed):
         return []
@@ -147,7 +147,7 @@ def links_apart_at_home(robot: Robot) -> list[tuple[tuple[str, str], float, floa
 
 
 def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
-    """Return the configurations in which arm k is at home as an earlier arm of its kind, or as that in a mirror."""
+    """Return configurations with arm k's home as an earlier arm's. Equal arms and mirror images count."""
     found, columns = [], robot.arms[k].columns
     for other in robot.arms[:k]:
         if len(other.columns) != len(columns):
@@ -160,7 +160,7 @@ def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
 
 
 def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
-    """Return the configuration of an arm as another one in a mirror between them, if their joints allow."""
+    """Return an arm's configuration as another's mirror image, if joints allow."""
     if len(arm.columns) > SETTINGS.most_signs:
         return []
     signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
@@ -185,10 +185,10 @@ class _Drawn:
     ----------
     arm : the arm
     joints : array, shape (n, n_joints of the arm) [rad, m]
-    comfort : array, shape (n,), least share of its range that a joint is away from its limits
-    places : array, shape (n, 3), places of the hand from the arm's base, in reaches
+    comfort : array, shape (n,), least distance of a joint from its limits, as a share of its range
+    places : array, shape (n, 3), places of the end effector from the arm's base, in reaches
     approach : array, shape (n, 3), directions of its approach
-    base, reach : place of the arm's first joint, and largest distance of the hand from there [m]
+    base, reach : place of the arm's first joint, and largest distance of the end effector from there [m]
     """
 
     arm: Arm
@@ -228,18 +228,19 @@ def base_of(robot: Robot, arm: Arm) -> Array:
 
 
 def tilt_of(pose: Array) -> float:
-    """Return the angle between the approach of a hand, in a pose of shape (4, 4), and straight down [rad]."""
+    """Return an end effector's angle from straight down [rad]; `pose` is (4, 4)."""
     return float(np.arccos(np.clip(DOWN @ pose[:3, 2], -1.0, 1.0)))
 
 
 def floor_of(robot: Robot) -> float:
-    """Return the height of the lowest point of a robot at home [m]."""
+    """Return the height of a robot's lowest point at home [m]."""
     return float(min((points[:, 2].min() for _, points in placed_bodies(robot, robot.home)), default=0.0))
 
 
 def _middle_of_reach(drawn: list[_Drawn]) -> Array:
-    """Return the place straight in front of an arm's base at the middle height, and rather far away, of those where
-    hands can point down; array, shape (3,), in reaches.
+    """Return the central place ahead of a base, in reaches; array, shape (3,).
+
+    It is at the middle height of the places where end effectors can point down, and rather far away.
     """
     places = np.concatenate([arm.places for arm in drawn])
     front = -1.0 if places[:, 0].mean() < SETTINGS.backwards else 1.0
@@ -252,8 +253,9 @@ def _middle_of_reach(drawn: list[_Drawn]) -> Array:
 
 
 def _facing(bases: Array, ahead: Array) -> Array:
-    """Return the place of each hand from its base, in reaches: `ahead`, or between the bases of two arms that stand
-    one behind the other, and so face each other; array, shape (n_arms, 3).
+    """Return each end effector's place from its base, in reaches; array, shape (n_arms, 3).
+
+    It is `ahead`, or between the bases of two arms that stand one behind the other, and so face each other.
 
     Parameters
     ----------
@@ -271,7 +273,7 @@ def _facing(bases: Array, ahead: Array) -> Array:
 
 
 def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:
-    """Return joints near to q whose hand points down at a place, and by what it misses [reaches, rad]."""
+    """Return joints near q that point down at a place, and miss. The miss is in reaches and radians."""
     model, q = robot.model, q.copy()
     data, frame = model.createData(), model.getFrameId(arm.tip)
     aside = np.eye(3)[:2]  # the axes about which a hand that points down is turned; the vertical one is free
@@ -294,21 +296,21 @@ def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tu
 
 
 def _rounded(q: Array, lower: Array, upper: Array) -> Array:
-    """Return joints within limits, rounded where that leaves them there; arrays, shape (n_joints,)."""
+    """Return joints rounded within their limits; arrays, shape (n_joints,)."""
     q = np.clip(q, lower, upper)
     rounded = q.round(SETTINGS.digits)
     return np.where((rounded < lower) | (rounded > upper), q, rounded)
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
-    """Return the first configuration with what pairs of links need [m] and most to spare; None if none has."""
+    """Return the free configuration with most spare distance [m]; None if there is none."""
     margins = (needed + (spare - ROOM.spares[-1]) for spare in ROOM.spares)
     near = (each for margin in margins for each in some if _is_free(robot, each, margin, later))
     return next(near, None)
 
 
 def _is_free(robot: Robot, q: Array, margin: Array, later: set[int]) -> bool:
-    """Return whether pairs of links keep margins [m], without those of joints whose turn comes later."""
+    """Return whether pairs of links keep margins [m], without later joints."""
     geometry = robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
     for k, pair in enumerate(geometry.collisionPairs):

@@ -1,4 +1,4 @@
-"""The description that URDFs suggest: arms, tools, homes, limits that are missing, and pairs that always touch."""
+"""The description suggested by URDFs: arms, tools, homes, limits and contacts."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class ProposalSettings:
     Attributes
     ----------
     endless : limit, either way, of joints that turn without end or state none [rad]
-    springs : share of a weight that is too much for a motor, guessed to be held by springs
-    n_samples : random configurations that tell which pairs of links touch always, and which come near
-    always : share of these from which on a pair counts as always touching
-    tip_off : distance of a tip, or of a joint before, from the last joint from which on it tells the direction of
+    springs : share of a weight too large for a motor that springs are guessed to hold
+    n_samples : random configurations to find pairs of links that touch always, and that come near
+    always : least share of these for a pair that always touches
+    tip_off : distance of a tip, or of a joint before, from the last joint above which it defines the direction of
         approach [m]
-    mass_off : likewise of the centre of mass of a hand without a body [m]
-    between : share of the fingers' length from which on a tip lies between them
-    grip : share of the fingers' length at which a tool is put
+    mass_off : likewise of the centre of mass of an end effector without a body [m]
+    between : least share of the fingers' length for a tip between them
+    grip : share of the fingers' length at the tool
     """
 
     endless: float = 3.14
@@ -81,14 +81,14 @@ SETTINGS = ProposalSettings()
 
 @dataclass(frozen=True)
 class Proposal:
-    """A description for a person to check, with what was guessed.
+    """A description for a person to check, with its guesses.
 
     Attributes
     ----------
     data : contents of the description (`comove.robots.description.RobotFile`)
     robot : the robot that it describes
     srdf : text of a file of pairs that are not compared, by URDF; where a robot's own does not have them all
-    notes : what was chosen or guessed, and what is missing, in words
+    notes : choices, guesses and missing parts, in words
     """
 
     data: dict[str, Any]
@@ -116,7 +116,7 @@ class _Part:
 
     @property
     def prefix(self) -> str:
-        """Return what is put before its names."""
+        """Return the prefix of its names."""
         return str(self.entry.get("prefix", ""))
 
 
@@ -137,7 +137,7 @@ def propose(
         two robots of a kind
     file : path of the description to be written, to which paths are relative
     apart : distance between the bases [m]
-    around : scene whose obstacles stand around the robot, from which homes keep away
+    around : scene of obstacles around the robot, from which homes keep away
     gripper : URDF of a gripper for every arm without fingers, as `urdfs` are named
     seed : seed of the random configurations, from which home and pairs that always touch are found
 
@@ -189,7 +189,7 @@ def propose(
 
 
 def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
-    """Return the entries of models, arms, posture and limits of a description, and notes on what was guessed."""
+    """Return a description's models, arms, posture and limits, and notes on guesses."""
     data: dict[str, Any] = {"models": [part.entry for part in parts], "arms": {}}
     notes = [note for part in parts for note in part.notes]
     limits: dict[str, dict[str, float]] = {}
@@ -243,7 +243,7 @@ def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
 
 
 def _told_guesses(guessed: dict[str, dict[str, float]]) -> Iterator[str]:
-    """Yield in words which limits of joints are guesses."""
+    """Yield messages of guessed limits of joints."""
     keys = {joint: " and ".join(given) for joint, given in guessed.items()}
     for told in dict.fromkeys(keys.values()):
         names = [joint for joint, lacks in keys.items() if lacks == told]
@@ -271,7 +271,7 @@ def _srdf_beside(urdf: Path, named: str) -> str | None:
 
 
 def _read(urdf: str, file: Path) -> tuple[Path, dict[str, Any], ET.Element, Tree]:
-    """Return the path of a model that a person names, its entry in a description in `file`, its root and its tree."""
+    """Return a named model's path, its entry in `file`, root and tree."""
     path, named = Path(urdf), urdf
     if "://" in urdf:
         path = resolve(urdf, file)
@@ -336,7 +336,7 @@ def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
 
 
 def _limits_of(part: _Part) -> dict[str, dict[str, float]]:
-    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one."""
+    """Return limits of arms' joints without usable ones, and others' missing ones."""
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
     for joint in part.tree.joints:
@@ -366,7 +366,7 @@ def _robot(data: dict[str, Any], file: Path) -> Robot:
 def _with_tools(
     data: dict[str, Any], robot: Robot, parts: Sequence[_Part]
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
+    """Return the description with missing grasp frames of arms, and notes."""
     chains = [(part.prefix, chain) for part in parts for chain in part.chains]
     arms, notes = dict(data["arms"]), []
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
@@ -403,7 +403,7 @@ def _with_tools(
 
 
 def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[str, Any], list[str]]:
-    """Return the description with a gripper on every arm without fingers, and notes about them.
+    """Return the description with a gripper on arms without fingers, and notes.
 
     The gripper's bodies are turned along the approach of the arm.
     """
@@ -451,12 +451,12 @@ def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[
 
 
 def _tool(turn: Array, along: float) -> dict[str, Any]:
-    """Return the entry of a tool, empty where it is the tip itself.
+    """Return a tool's entry, empty where it is the tip itself.
 
     Parameters
     ----------
     turn : array, shape (3, 3), its axes in those of the tip
-    along : where it is along its approach, from the tip [m]
+    along : its distance from the tip along its approach [m]
     """
     tool = {}
     if np.abs(turn - np.eye(3)).max() > 1e-6:
@@ -471,14 +471,14 @@ def _axis_name(axis: Array) -> str:
 
 
 def _flange(robot: Robot, arm: Arm, hand: Array) -> tuple[dict[str, Any], str]:
-    """Return the entry of the tool of an arm without fingers, and a note about it.
+    """Return the tool's entry of an arm without fingers, and a note.
 
-    The payload is at the end of what is fixed to the tip; where a hand without a body is known by its mass alone, at
-    its centre.
+    The payload is at the end of the bodies fixed to the tip; where an end effector without a body is known by its
+    mass alone, at its centre.
 
     Parameters
     ----------
-    hand : array, shape (n, 3), points around what is fixed to the tip; empty for a tip that is the tool itself [m]
+    hand : array, shape (n, 3), points around the bodies fixed to the tip; empty for a tip that is the tool itself [m]
     """
     approach, why, center = _approach_of(robot, arm)
     least = float(center @ approach) if why == BY_MASS else 0.0
@@ -501,10 +501,11 @@ BY_NOTHING = "as nothing tells of another"
 
 
 def _approach_of(robot: Robot, arm: Arm) -> tuple[Array, str, Array]:
-    """Return the signed axis of a bare tip that is its approach, why, and the hand's centre of mass in the tip [m].
+    """Return a bare tip's signed approach axis, the reason, and a centre.
 
-    A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
-    of mass tells only of a hand that reaches out aside of the last axis: that of a bare flange lies behind it.
+    The centre of mass [m] is the end effector's, in the tip's frame. A tool's frame has z forward by convention
+    (ROS-Industrial's tool0), a flange's has z or x forward. The centre of mass is decisive only for an end effector
+    that reaches out aside of the last axis: that of a bare flange lies behind it.
     """
     model, data = robot.model, robot.model.createData()
     last, *before = (int(column) + 1 for column in arm.columns[::-1])
@@ -536,9 +537,10 @@ def _approach_of(robot: Robot, arm: Arm) -> tuple[Array, str, Array]:
 
 
 def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
-    """Return the axes of a grasp frame in those of the tip, and how far along its approach the fingers begin [m].
+    """Return a grasp frame's axes, and the fingers' start along it [m].
 
-    `frames` are those of `_finger_frames`; `z_is_forward` of tips whose z is their approach by convention.
+    The axes are in the tip's frame. `frames` are those of `_finger_frames`; `z_is_forward` of tips whose z is their
+    approach by convention.
     """
     from_wrist, fingers = frames[0], frames[1:]  # the tip is at minus the one from the last joint
     middle = fingers.mean(axis=0)
@@ -554,7 +556,7 @@ def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
 
 
 def _finger_frames(robot: Robot, arm: Arm) -> Array:
-    """Return tip and fingers' joints from the last joint, along the tip's axes; array, (1 + n_fingers, 3) [m]."""
+    """Return tip and fingers' joints from the last joint; array, (1 + n_fingers, 3) [m], along the tip's axes."""
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, robot.home)
     wrist, tip = data.oMi[int(arm.columns[-1]) + 1].translation, data.oMf[model.getFrameId(arm.tip)]
@@ -572,13 +574,13 @@ def _nearest_axis(vector: Array) -> Array:
 def _left_out(
     robot: Robot, parts: Sequence[_Part], seed: int
 ) -> tuple[dict[str, dict[Pair, str]], dict[str, list[str]]]:
-    """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
+    """Find pairs of links that nearly always touch, or never despite nearness.
 
-    Links of different models must not touch, wherever the bases stand.
+    They are links of one model. Links of different models must not touch, wherever the bases stand.
 
     Returns
     -------
-    by URDF its pairs, as it names the links, with the reason of each as SRDF has it; and by arm the links that its
+    by URDF its pairs, as it names the links, with the reason of each in SRDF's terms; and by arm the links that its
     gripper touches so
     """
     rng = np.random.default_rng(seed)
@@ -602,7 +604,7 @@ def _left_out(
 
 
 def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
-    """Return the SRDF of a model with those of its pairs that are left out."""
+    """Return the SRDF of a model with its left-out pairs."""
     top = ET.Element("robot", name=part.tree.name)
     if "srdf" in part.entry:
         top = elements_in(resolve(part.entry["srdf"], file), SRDF)

@@ -1,4 +1,4 @@
-"""The tree of links of a URDF: where its arms begin and end, and which joints are fingers.
+"""The tree of links of a URDF: ends of its arms, and finger joints.
 
 Links that fixed joints connect form one body. A body that at least two long chains leave is a trunk: the joints above
 it belong to no arm, nor do those that drive a mobile base, as simulators add them. An arm ends at a palm, whose
@@ -44,14 +44,14 @@ LONGEST_STROKE = 4.0  # m, beyond which what slides is no lift or gantry of an a
 
 @dataclass(frozen=True)
 class ArmShape:
-    """Numbers that tell arms, hands and fingers apart.
+    """Numbers that distinguish arms, hands and fingers.
 
     Attributes
     ----------
     least : joints of an arm
     finger : joints of the fingers that leave a palm, at most
-    longest_finger : joints of any finger, at most: as many as thumb and little finger of a Shadow hand have
-    many : joints that leave a body, from which on it is a hand
+    longest_finger : joints of any finger, at most: the number of thumb and little finger of a Shadow hand
+    many : least number of joints that leave a hand
     """
 
     least: int = 4
@@ -64,12 +64,12 @@ SHAPE = ArmShape()
 
 
 def words_of(name: str) -> tuple[str, ...]:
-    """Return the words of a name in lower case: it is split at all that is no letter, and in camelCase."""
+    """Return the words of a name in lower case. It is split at non-letters, and in camelCase."""
     return tuple(word.lower() for word in WORD.findall(name))
 
 
 def has_word(name: str, pattern: str | re.Pattern[str]) -> bool:
-    """Return whether a whole word of a name matches a pattern; with $ at its end, whether the last one does."""
+    """Return whether a whole word of a name matches a pattern. With $ at its end, the last word must."""
     words = words_of(name)
     if isinstance(pattern, str) and pattern.endswith("$"):
         words, pattern = words[-1:], pattern[:-1]
@@ -84,10 +84,10 @@ class Joint:
     ----------
     name, kind : name and type
     parent, child : links that it connects
-    leader : name of the joint that it goes along with; None where it moves by itself
-    limits : the numbers that are stated, by name; None where a text is none
+    leader : name of the joint that it follows; None where it moves by itself
+    limits : the stated numbers, by name; None where a text is none
     guessed : names of those of them that are guesses
-    springs : share of the weight that is taken off its motor
+    springs : share of the weight that its motor need not hold
     """
 
     name: str
@@ -118,7 +118,7 @@ class Joint:
 
     @property
     def nearest_to_0(self) -> float:
-        """Return its position within its limits that is nearest to 0 [rad, m]."""
+        """Return its position nearest to 0 within its limits [rad, m]."""
         lower, upper = self.bounds
         return min(max(0.0, lower), upper)
 
@@ -166,7 +166,7 @@ class Chain:
 
     @property
     def tip(self) -> str:
-        """Return the link of the last body whose name is that of a tool, else the last one."""
+        """Return the last body's link with a tool's name, else the last."""
         for pattern in TIPS if self.fingers else TIPS[:-1]:
             for link in self.links:
                 if has_word(link, pattern):
@@ -175,9 +175,7 @@ class Chain:
 
     @property
     def is_other(self) -> bool:
-        """Return whether most of its joints, or of the links they move, are called as those of a leg, a wheel or a
-        neck: one such name may be that of a tool.
-        """
+        """Return whether most joints or links have leg, wheel or neck names. One such name may be a tool's."""
         return any(
             2 * sum(has_word(name, OTHERS) for name in names) >= len(names)
             for names in (self.joints, self.moved)
@@ -233,20 +231,20 @@ class Tree:
         return below
 
     def body(self, link: str) -> tuple[str, ...]:
-        """Return a link and all that fixed joints connect to it from there on."""
+        """Return a link and all further links on fixed joints."""
         links = [link]
         for known in links:
             links += [joint.child for joint in self._below.get(known, []) if joint.kind not in MOVING]
         return tuple(links)
 
     def leaving(self, link: str) -> list[Joint]:
-        """Return the joints, moving or following, that leave the body of a link."""
+        """Return the joints, moving or following, that leave a link's body."""
         return [
             joint for known in self.body(link) for joint in self._below.get(known, []) if joint.kind in MOVING
         ]
 
     def depth(self, joint: Joint) -> int:
-        """Return the largest number of motors one after the other from a joint on."""
+        """Return the largest number of motors in series from a joint on."""
         return int(joint.moves) + max((self.depth(j) for j in self.leaving(joint.child)), default=0)
 
     def is_palm(self, link: str) -> bool:
@@ -257,13 +255,15 @@ class Tree:
         return bool(leaving) and short and (len(leaving) > 1 or len(of_gripper) == len(leaving))
 
     def chains(self) -> tuple[Chain, ...]:
-        """Return the arms of the robot, and what else is as long as an arm."""
+        """Return the arms of the robot, and other chains of their length."""
         found = map(self._without_drive, self._from(self.root, (), ()))
         return tuple(chain for chain in found if len(chain.joints) >= SHAPE.least)
 
     def _without_drive(self, chain: Chain) -> Chain:
-        """Return a chain whose first joints, if they drive a mobile base, are of its trunk: as far as the last that
-        slides further than any arm, and those after it that turn a link without a body.
+        """Return a chain whose mobile-base joints belong to its trunk.
+
+        They reach as far as the last that slides further than any arm, and those after it that turn a link without a
+        body.
         """
         known = {joint.name: joint for joint in self.joints}
         joints = [known[name] for name in chain.joints]
@@ -279,7 +279,7 @@ class Tree:
         )
 
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
-        """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""
+        """Yield the chains from a link's body on, after `trunk` and `joints`."""
         leaving = self.leaving(link)
         deep = sum(self.depth(joint) > SHAPE.longest_finger for joint in leaving)
         is_chest = deep == 2  # models of hands have such fingers as well, but more
@@ -303,7 +303,7 @@ class Tree:
         yield from self._from(deepest.child, trunk, (*joints, deepest.name) if deepest.moves else joints)
 
     def rest(self, chains: Iterable[Chain]) -> tuple[str, ...]:
-        """Return the joints with motors of their own that belong to no chain, its trunk or its fingers."""
+        """Return motorised joints of no chain, trunk or fingers."""
         known = {name for chain in chains for name in (*chain.trunk, *chain.joints, *chain.fingers)}
         return tuple(joint.name for joint in self.joints if joint.moves and joint.name not in known)
 

@@ -1,1 +1,1 @@
-"""Numba kernels of chains and links that a search uses; `comove.robots.verification` shares no code with them."""
+"""Numba kernels of chains and links for search, separate from `comove.robots.verification`."""

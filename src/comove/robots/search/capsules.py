@@ -1,7 +1,7 @@
-"""Capsules that hold the bodies of a robot: the model of its links in a search.
+"""Capsules around a robot's bodies: the model of its links in a search.
 
 A capsule is the set of all points within a radius of a segment, its axis. Each body that moves is inside one capsule,
-or inside the union of a few where these take clearly less room, but for corners and rims that stick out a few
+or inside the union of a few where these have clearly less volume, but for corners and rims that stick out a few
 millimetres: a capsule around all of a short cylinder would be much wider than the cylinder. Meshes that do not move,
 such as a table, may be hollow and large; their surface is inside balls, a cell of a grid each.
 """
@@ -25,13 +25,13 @@ CLEARLY = 0.99  # share of another number below which one is less: rounding must
 
 @dataclass(frozen=True)
 class CapsuleSettings:
-    """Settings of how bodies are cut, and capsules found that hold the parts.
+    """Settings of the cutting of bodies and the search for capsules.
 
     Attributes
     ----------
     depth : cuts one after another; two of them give up to four capsules
     cuts : shares of a body's extent at which it may be cut
-    n_points : points that are looked at to find a cut, about
+    n_points : approximate number of points that decide a cut
     worthwhile : volume of the parts' capsules, in units of that of one, below which a body is cut
     wider : radii that are tried, in units of the least: a wider capsule may be shorter
     cell : edge of the cells into which meshes that do not move are cut [m]
@@ -49,7 +49,7 @@ SETTINGS = CapsuleSettings()
 
 
 class LinkCapsule(NamedTuple):
-    """A capsule: the ends of its axis, arrays of shape (3,), and its radius [m]."""
+    """A capsule. Its axis has two ends, arrays of shape (3,), and it has a radius [m]."""
 
     start: Array
     end: Array
@@ -67,12 +67,12 @@ class LinkCapsule(NamedTuple):
 
     @property
     def mean_width(self) -> float:
-        """Return the mean over all directions of the distance of two planes that hold it between them [m]."""
+        """Return the mean distance of parallel supporting planes [m]."""
         return 2.0 * self.radius + 0.5 * self.length
 
 
 def capsules_of(shape: Any, moves: bool, how: CapsuleSettings = SETTINGS) -> list[LinkCapsule]:
-    """Return capsules that hold a shape of coal, in its own frame; of meshes that do not move, only the surface."""
+    """Return capsules around a coal shape, in its own frame. For static meshes, they hold the surface alone."""
     kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
     if kind == "Sphere":
         return [LinkCapsule(0 * z, 0 * z, shape.radius)]
@@ -89,7 +89,7 @@ def capsules_of(shape: Any, moves: bool, how: CapsuleSettings = SETTINGS) -> lis
 def convex_parts(
     vertices: Array, triangles: Integers, moves: bool, how: CapsuleSettings = SETTINGS
 ) -> list[Array]:
-    """Return points, arrays of shape (n, 3) [m], the union of whose hulls holds a surface.
+    """Return point sets (n, 3) [m] whose hulls together hold a surface.
 
     A mesh that moves is cut as for its capsules, which then hold the hulls but for what may stick out. One that does
     not move may be hollow and large, and is cut into cells.
@@ -117,7 +117,7 @@ def vertices_of(shape: Any) -> Array:
 
 
 def _surface(shape: Any) -> tuple[Array, Integers]:
-    """Return the vertices [m] and triangles of a mesh or a convex body; arrays, shape (n, 3)."""
+    """Return vertices [m] and triangles of a mesh or convex body; arrays, shape (n, 3)."""
     vertices = vertices_of(shape)
     if isinstance(shape, coal.ConvexBase):
         return vertices, ConvexHull(vertices).simplices
@@ -139,9 +139,7 @@ def holding(points: Array, spacing: float, how: CapsuleSettings = SETTINGS) -> l
 def _parted(
     points: Array, spacing: float, how: CapsuleSettings, depth: int
 ) -> list[tuple[Array, LinkCapsule]]:
-    """Cut a body where capsules around the parts take clearly less room, at most `depth` times in two; returns the
-    parts' points and capsules.
-    """
+    """Cut a body where its parts' capsules have clearly less volume; return points and capsules."""
     one = around(points, how)
     if depth == 0 or (cut := _best_cut(points[:: 1 + len(points) // how.n_points], how)) is None:
         return [(points, one)]
@@ -156,12 +154,12 @@ def _parted(
 
 
 def around(points: Array, how: CapsuleSettings = SETTINGS) -> LinkCapsule:
-    """Compute a small capsule that holds points but for what may stick out, its axis along one of their axes."""
+    """Compute a small capsule around points, along one of their axes. Some points may stick out."""
     return _smallest([_along(points, axis, how) for axis in _axes(points)])
 
 
 def _along(points: Array, direction: Array, how: CapsuleSettings) -> LinkCapsule:
-    """Compute a small capsule in a direction, array of shape (3,), that holds points but for what may stick out."""
+    """Compute a small capsule around points in a direction, shape (3,). Some points may stick out."""
     across = np.linalg.svd(direction[None])[2][1:]
     middle, low, high, radius = _held(points, across, direction, np.array(how.wider))
     base = middle @ across
@@ -170,7 +168,7 @@ def _along(points: Array, direction: Array, how: CapsuleSettings) -> LinkCapsule
 
 @kernel
 def _held(points: Array, across: Array, direction: Array, wider: Array) -> tuple[Array, float, float, float]:
-    """Compute middle, heights of both ends and radius of the capsule of clearly the least mean width, see `_along`.
+    """Compute the capsule of clearly least mean width, see `_along`. Return its middle, ends' heights and radius.
 
     Parameters
     ----------
@@ -203,9 +201,7 @@ def _held(points: Array, across: Array, direction: Array, wider: Array) -> tuple
 
 @kernel
 def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, float]:
-    """Compute centre and radius of a small circle that holds points, from the first centre; arrays, shapes
-    (n_points, 2) and (2,), and a number (Badoiu and Clarkson, 2003).
-    """
+    """Compute a small circle around points (n_points, 2) from a first centre. See Badoiu and Clarkson (2003)."""
     middle, least = centre.copy(), np.inf
     for k in range(n_steps):
         furthest, square = 0, -1.0
@@ -220,7 +216,7 @@ def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, flo
 
 
 def _best_cut(points: Array, how: CapsuleSettings) -> tuple[Array, float] | None:
-    """Return direction and height of the cut after which two capsules around the points take the least room."""
+    """Return direction and height of the cut that minimises two capsules' volume."""
     least, best = np.inf, None
     for axis in _axes(points):
         along = points @ axis
@@ -236,7 +232,7 @@ def _best_cut(points: Array, how: CapsuleSettings) -> tuple[Array, float] | None
 
 
 def _smallest(capsules: list[LinkCapsule]) -> LinkCapsule:
-    """Return the first capsule than which no later one has a clearly smaller mean width."""
+    """Return the first capsule without a later, clearly narrower one."""
     best = capsules[0]
     for capsule in capsules[1:]:
         if capsule.mean_width < CLEARLY * best.mean_width:
@@ -245,19 +241,18 @@ def _smallest(capsules: list[LinkCapsule]) -> LinkCapsule:
 
 
 def _volume(capsules: list[LinkCapsule]) -> float:
-    """Return the sum of the volumes [m^3]."""
     return sum(capsule.volume for capsule in capsules)
 
 
 def _axes(points: Array) -> list[Array]:
-    """Return directions that an axis may have: those of the frame, and the longest of the points where it is one."""
+    """Return candidate axis directions: the frame's, and the points' longest if unique."""
     away = points - points.mean(axis=0)
     values, vectors = np.linalg.eigh(away.T @ away)
     return [*np.eye(3), *([vectors[:, 2]] if values[1] < CLEARLY * values[2] else [])]
 
 
 def _on_box(half: Array) -> tuple[Array, float]:
-    """Return points on the faces of a box, and the diameter of the squares between them [m]."""
+    """Return points on a box's faces, and the squares' diameter [m]."""
     steps = [np.linspace(-h, h, 1 + int(np.clip(np.ceil(2 * h / FINE), 1, MOST_PARTS))) for h in half]
     grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
     on_face = (np.abs(grid) == half).any(axis=-1)
@@ -272,7 +267,7 @@ def _around_cylinder(radius: float, half: float, n: int = 48) -> Array:
 
 
 def on_triangles(points: Array, triangles: Integers) -> tuple[Array, float]:
-    """Return points on triangles, their corners among them, and the diameter of the triangles between them [m]."""
+    """Return points on triangles, corners included, and their triangles' diameter [m]."""
     corners = points[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     parts = np.clip(np.ceil(longest / FINE), 1, MOST_PARTS).astype(int)
@@ -281,12 +276,12 @@ def on_triangles(points: Array, triangles: Integers) -> tuple[Array, float]:
 
 
 def _shares(count: int) -> Array:
-    """Return barycentric coordinates of points on a triangle, `count` parts an edge; array, shape (n_points, 3)."""
+    """Return barycentric points on a triangle, `count` parts an edge; array, shape (n_points, 3)."""
     return np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
 
 
 def _balls(points: Array, spacing: float, cell: float) -> list[LinkCapsule]:
-    """Return balls that cover the surface of a mesh, one for each cell of a grid."""
+    """Return balls that cover a mesh's surface, one per grid cell."""
     place = np.floor((points - points.min(axis=0)) / cell).astype(int)
     number = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
     order = np.argsort(number, kind="stable")

@@ -40,13 +40,13 @@ class Masses(NamedTuple):
 
 
 class JointMoves(NamedTuple):
-    """What joints add to the rotations and offsets of their frames.
+    """Additions of joints to the rotations and offsets of their frames.
 
     Attributes
     ----------
-    sine, versine : arrays, shape (n_joints, 3, 3), what the sine, and one less the cosine, of a joint add to the
+    sine, versine : arrays, shape (n_joints, 3, 3), additions of the sine, and one less the cosine, of a joint to the
         rotation; zeros where joints slide
-    slide : array, shape (n_joints, 3), what a joint's position adds to the offset; zeros where joints turn
+    slide : array, shape (n_joints, 3), addition of a joint's position to the offset; zeros where joints turn
     """
 
     sine: Array
@@ -62,14 +62,14 @@ class Tools(NamedTuple):
 
 
 class Chains(NamedTuple):
-    """The arms that move the hands of a scene, with the joints of all arms in one row (n_joints).
+    """The arms of a scene's end effectors, with joints in one row.
 
     Attributes
     ----------
     first : array, shape (n_arms + 1,), index of each arm's first joint, and at last n_joints
     rotation, offset : arrays, shape (n_joints, 3, 3) and (n_joints, 3): each joint's frame in the one before it
         (for the first joint of an arm: in the scene) [m]
-    moves : what the joints' positions add to these
+    moves : additions of the joints' positions to these
     axis : array, shape (n_joints, 3), axis in the joint's own frame
     slides : array, shape (n_joints,), whether the joint is prismatic
     tools : the grasps in the last joints' frames
@@ -101,7 +101,7 @@ class Iteration(NamedTuple):
 
     Attributes
     ----------
-    gain : share of the way to the wished posture that redundant joints go in a step
+    gain : share of the difference from the desired posture that redundant joints cover in a step
     keep : least distance of the joints from their limits [rad, m for prismatic joints]
     tolerance : largest residual accepted [m]
     steady : largest last step accepted [rad]
@@ -116,7 +116,7 @@ class Iteration(NamedTuple):
 
 
 def turned_towards(chains: Chains, start: Array, goal: Array, part: slice = slice(None)) -> Array:
-    """Return joints as many whole turns away as is nearest to those of a start and within their limits.
+    """Shift joints by whole turns towards a start, within their limits.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def turned_towards(chains: Chains, start: Array, goal: Array, part: slice = slic
 
 
 def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
-    """Build the arrays of some of a robot's arms, in the order given."""
+    """Build the arrays of a robot's arms in the given order."""
     model = robot.model
     columns = np.concatenate([arm.columns for arm in arms])
     joints = [int(np.flatnonzero(np.array(model.idx_vs) == c)[-1]) for c in columns]
@@ -173,7 +173,7 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
 
 
 def _axis(joint: Any) -> tuple[Array, bool]:
-    """Return the axis of a joint of one degree of freedom, and whether it is prismatic, from its motion subspace."""
+    """Return a joint's axis, and whether it is prismatic. It has one degree of freedom."""
     data = joint.createData()
     joint.calc(data, np.zeros(1))
     subspace = np.array(data.S).reshape(6)
@@ -183,7 +183,7 @@ def _axis(joint: Any) -> tuple[Array, bool]:
 
 @kernel
 def place_arm(chains: Chains, arm: int, q: Array, rotations: Array, points: Array) -> None:
-    """Compute the frames of an arm's joints, and at last that of its grasp.
+    """Compute the frames of an arm's joints, and last its grasp's.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def jacobian(chains: Chains, arm: int, rotations: Array, points: Array, out: Arr
 
 @kernel
 def pose_error(rotation: Array, point: Array, target_rotation: Array, target: Array, out: Array) -> float:
-    """Compute the twist from a frame to its target: difference of positions [m] above the rotation vector [rad].
+    """Compute the twist from a frame to its target: positions [m] above the rotation vector [rad].
 
     Returns the residual [m], in which one radian counts `TURN`.
     """
@@ -275,10 +275,10 @@ def pose_error(rotation: Array, point: Array, target_rotation: Array, target: Ar
 
 @kernel
 def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Array, out: Array) -> None:
-    """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape
-    (6,).
+    """Solve (J_f J_f^T + damping I) x = error by Cholesky.
 
-    The matrix, and its lower factor in place of it, live in registers; d are the inverses of the factor's diagonal.
+    J_f are the columns in `free`; the result x is an array of shape (6,). The matrix, and its lower factor in place
+    of it, live in registers; d are the inverses of the factor's diagonal.
     """
     a00 = a10 = a11 = a20 = a21 = a22 = a30 = a31 = a32 = a33 = 0.0
     a40 = a41 = a42 = a43 = a44 = a50 = a51 = a52 = a53 = a54 = a55 = 0.0
@@ -332,15 +332,13 @@ def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Arr
 
 @kernel
 def spare(chains: Chains, j: int, keep: float) -> float:
-    """Return the distance that joint j can keep from its limits, at most `keep` [rad or m]."""
+    """Return joint j's margin to its limits, at most `keep` [rad, m]."""
     return min(keep, 0.5 * (chains.upper[j] - chains.lower[j]))
 
 
 @kernel
 def inside(chains: Chains, j: int, value: float, keep: float) -> float:
-    """Return the value of joint j that is nearest to `value` and at least `keep` inside its limits, or else their
-    middle.
-    """
+    """Return joint j's value nearest to `value`, at least `keep` inside limits. Otherwise return their middle."""
     margin = spare(chains, j, keep)
     return min(max(value, chains.lower[j] + margin), chains.upper[j] - margin)
 
@@ -349,10 +347,10 @@ def inside(chains: Chains, j: int, value: float, keep: float) -> float:
 def reach_pose(
     chains: Chains, arm: int, target_rotation: Array, target: Array, pull: Array, how: Iteration, q: Array
 ) -> float:
-    """Solve one arm's joints for a pose, in place, by Newton's method with damped least squares.
+    """Solve an arm's joints for a pose by damped least squares.
 
-    Redundant joints are drawn towards `pull`, array of shape (n_joints,). Joints that would come too near to their
-    limits are held, and the others compensate.
+    They are solved in place. Redundant joints are drawn towards `pull`, array of shape (n_joints,). Joints too near
+    to their limits are held, and the others compensate.
 
     Returns
     -------
@@ -417,7 +415,7 @@ def torques(
     load_acceleration: Array,
     out: Array,
 ) -> None:
-    """Compute the torques of one arm by recursive Newton-Euler (Luh, Walker and Paul, 1980), less what springs hold.
+    """Compute an arm's torques by recursive Newton-Euler, less those of springs. See Luh, Walker and Paul (1980).
 
     Parameters
     ----------
@@ -474,11 +472,10 @@ def torques(
 
 @kernel
 def _carried_along(w: Triple, dw: Triple, arm: Triple) -> Triple:
-    """Compute the acceleration of the end of `arm` relative to its beginning, on a body that turns at w."""
+    """Return the relative acceleration of an arm's end on a turning body."""
     return plus(cross(dw, arm), cross(w, cross(w, arm)))
 
 
 @kernel
 def _inertia_times(r: Array, inertia: Array, v: Triple) -> Triple:
-    """Return the product R I R^T v."""
     return rotated(r, rotated(inertia, rotated_back(r, v)))

@@ -7,7 +7,7 @@ wrist. A redundant arm has one joint that is given; with it, the axes of the joi
 six joints left. They are solved by the subproblems of Paden (1985) and Kahan, where
 
 ============== =============================================================== =====================
-form           which axes, in the order in which joints are solved             arms
+form           axes, in the order in which joints are solved                   arms
 ============== =============================================================== =====================
 `WRIST_MEET_1` 4, 5, 6 meet in a point, and 1, 2 do                            Panda, xArm7, iiwa, PR2
 `WRIST_MEET_2` 4, 5, 6 meet in a point, and 2, 3 do                            shoulders with an offset
@@ -15,8 +15,8 @@ form           which axes, in the order in which joints are solved             a
 `ALONG`        2, 3, 4 are parallel, and 5, 6 meet in a point                  Universal Robots
 ============== =============================================================== =====================
 
-Joints that a pose leaves open, as two axes of a wrist in line do, are set to what they are at zero. What is found is
-as exact as the description's geometry, which is often rounded to a few digits: `chains.reach_pose` does the rest.
+Joints that a pose leaves free, as two axes of a wrist in line do, are set to their values at zero. Solutions are as
+exact as the description's geometry, which is often rounded to a few digits: `chains.reach_pose` does the rest.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ TOUCHING = 1e-6  # by which the cosine of an angle may exceed 1: the edge of wha
 
 
 class ClosedForm(NamedTuple):
-    """The geometry of an arm, and how its joints are solved.
+    """The geometry of an arm, and its closed form.
 
     Attributes
     ----------
@@ -71,10 +71,10 @@ class ClosedForm(NamedTuple):
 
 
 def closed_form(chains: Chains, arm: int) -> ClosedForm | None:
-    """Return how an arm's joints are solved in closed form; None where its geometry has none that is known here.
+    """Return an arm's closed form; None if its geometry has none known here.
 
-    Of the joints of a redundant arm that may be given, the last is preferred, which moves nothing but the hand, then
-    the first; the elbow comes last, as it nearly follows from how far away the hand is.
+    Of the joints of a redundant arm that may be given, the last is preferred, which moves the end effector alone,
+    then the first; the elbow comes last, as it nearly follows from the distance of the end effector.
     """
     preferred = (6, 0, 1, 2, 4, 5, 3)
     part = slice(chains.first[arm], chains.first[arm + 1])
@@ -95,7 +95,7 @@ def closed_form(chains: Chains, arm: int) -> ClosedForm | None:
 
 
 def _kind(axis: Array, point: Array, free: int, angle: float, back: bool) -> int | None:
-    """Return the form of the joints that are left where one is given, None if it is none of those known."""
+    """Return the form of the joints that remain besides a given one. None if it is unknown."""
     h, r = np.empty((6, 3)), np.empty((6, 3))
     remaining_axes(axis, point, free, angle, back, h, r)
     lines = list(zip(h, r, strict=True))
@@ -121,7 +121,7 @@ def _meet(one: tuple[Array, Array], two: tuple[Array, Array]) -> bool:
 
 
 def _concurrent(lines: list[tuple[Array, Array]]) -> bool:
-    """Return whether the first two of three lines meet where the last two do."""
+    """Return whether three lines meet in one point."""
     pairs = ((lines[0], lines[1]), (lines[1], lines[2]))
     one, two = (np.array(meeting(*(tuple(v.tolist()) for v in (h, r, k, s)))) for (h, r), (k, s) in pairs)
     return bool(np.abs(one - two).max() < FLAT)
@@ -131,7 +131,7 @@ def _concurrent(lines: list[tuple[Array, Array]]) -> bool:
 def remaining_axes(
     axis: Array, point: Array, free: int, angle: float, back: bool, h: Array, r: Array
 ) -> None:
-    """Write the six axes that are left where the joint `free` is at `angle`, in the order of solving.
+    """Write the six remaining axes, in solving order, with `free` at `angle`.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def remaining_axes(
 
 @kernel
 def meeting(h: Triple, r: Triple, k: Triple, s: Triple) -> Triple:
-    """Return the middle of the points at which two axes, of unit directions h, k through r, s, are nearest."""
+    """Return the middle of the nearest points of two axes. They have unit directions h, k through r, s."""
     c, w = dot(h, k), plus(s, r, -1.0)
     a, b, det = dot(h, w), dot(k, w), 1.0 - c * c
     one, two = plus(r, h, (a - c * b) / det), plus(s, k, (c * a - b) / det)
@@ -163,14 +163,14 @@ def meeting(h: Triple, r: Triple, k: Triple, s: Triple) -> Triple:
 
 @kernel
 def turn_onto(k: Triple, v: Triple, w: Triple) -> float:
-    """Return the angle about k that turns v nearest to w [rad]; 0 where v lies on the axis."""
+    """Return the angle about k that turns v nearest to w [rad]. It is 0 where v lies on the axis."""
     y, x = dot(k, cross(v, w)), dot(v, w) - dot(k, v) * dot(k, w)
     return 0.0 if abs(x) + abs(y) < 1e-12 else atan2(y, x)
 
 
 @kernel
 def turns_to_height(k: Triple, v: Triple, h: Triple, height: float) -> tuple[int, float, float]:
-    """Return the number of angles about k, and both, at which ``h . v = height`` [rad]."""
+    """Return the number and angles [rad] of turns to a height. They turn v about k to ``h . v = height``."""
     along = dot(k, v) * dot(h, k)
     a, b = dot(h, v) - along, dot(h, cross(k, v))
     size = (a * a + b * b) ** 0.5
@@ -185,19 +185,19 @@ def turns_to_height(k: Triple, v: Triple, h: Triple, height: float) -> tuple[int
 
 @kernel
 def turns_to_distance(k: Triple, v: Triple, w: Triple, distance: float) -> tuple[int, float, float]:
-    """Return the number of angles about k, and both, at which v is at a distance from w [rad]."""
+    """Return the number and angles [rad] of turns to a distance. They turn v about k to it from w."""
     return turns_to_height(k, v, w, 0.5 * (dot(v, v) + dot(w, w) - distance * distance))
 
 
 @kernel
 def solve_in_closed_form(form: ClosedForm, rotation: Array, point: Array, angle: float, out: Array) -> int:
-    """Write all joint positions at which the grasp has a pose, the given joint being at `angle` [rad].
+    """Write all joints at which the grasp has a pose. The joint `form.free` is at `angle` [rad].
 
     Parameters
     ----------
     rotation, point : arrays, shape (3, 3) and (3,): the pose in the scene
-    out : result, array of shape (N_BRANCHES, n_joints of the arm), angles in [-pi, pi]; a branch keeps its row, and
-        rows without a solution are nan
+    out : result, array of shape (N_BRANCHES, n_joints of the arm), angles in [-pi, pi]; a solution branch keeps its
+        row, and rows without a solution are nan
 
     Returns
     -------
@@ -232,7 +232,7 @@ def solve_in_closed_form(form: ClosedForm, rotation: Array, point: Array, angle:
 def _displacement(
     form: ClosedForm, rotation: Array, point: Array, angle: float, turn: Array, shift: Array
 ) -> None:
-    """Write what the six joints must do to the grasp at zero, as a rotation and a shift.
+    """Write the grasp's displacement by the six joints, as rotation and shift.
 
     It is T M^-1 without the given joint, and the inverse of that where the arm is read back.
     """
@@ -267,8 +267,9 @@ def _line(h: Array, r: Array, i: int) -> tuple[Triple, Triple]:
 
 @kernel
 def _solve_wrist(kind: int, h: Array, r: Array, turn: Array, shift: Array, out: Array) -> None:
-    """Solve arms whose last three axes meet: the first three joints take that point to its place, the last three
-    turn the hand.
+    """Solve arms whose last three axes meet.
+
+    The first three joints take that point to its place, the last three turn the end effector.
     """
     h4, r4 = _line(h, r, 3)
     h5, r5 = _line(h, r, 4)
@@ -286,10 +287,9 @@ def _solve_wrist(kind: int, h: Array, r: Array, turn: Array, shift: Array, out: 
 
 @kernel
 def _place_meeting(h: Array, r: Array, back: bool, center: Triple, target: Triple, out: Array) -> None:
-    """Write the first three joints, array of shape (4, 3), where the axes 1 and 2 meet.
+    """Write the first three joints where axes 1 and 2 meet; array, shape (4, 3).
 
-    Read `back`, where 2 and 3 do: turned the other way, the joints take the wrist from its place to where it is at
-    zero.
+    Read `back`, where 2 and 3 do: turned the other way, the joints take the wrist from its place to that at zero.
     """
     first, last, sign = (2, 0, -1.0) if back else (0, 2, 1.0)
     if back:
@@ -313,7 +313,7 @@ def _place_meeting(h: Array, r: Array, back: bool, center: Triple, target: Tripl
 
 @kernel
 def _place_along(h: Array, r: Array, center: Triple, target: Triple, out: Array) -> None:
-    """Write the first three joints, array of shape (4, 3), where the axes 2 and 3 are parallel."""
+    """Write the first three joints where axes 2 and 3 are parallel; array, shape (4, 3)."""
     h1, r1 = _line(h, r, 0)
     h2, r2 = _line(h, r, 1)
     h3, r3 = _line(h, r, 2)
@@ -331,7 +331,7 @@ def _place_along(h: Array, r: Array, center: Triple, target: Triple, out: Array)
 
 @kernel
 def _turn_hand(h: Array, turn: Array, first: Array, out: Array) -> None:
-    """Write both solutions of six joints, array of shape (2, 6), whose first three are given and last axes meet."""
+    """Write both solutions from the first three joints; array, shape (2, 6). The last axes meet."""
     h4, h5, h6 = (h[3, 0], h[3, 1], h[3, 2]), (h[4, 0], h[4, 1], h[4, 2]), (h[5, 0], h[5, 1], h[5, 2])
     last = rotated(turn, h6)  # where the sixth axis has to be, brought back by the first three joints
     for j in range(3):
@@ -360,7 +360,7 @@ def _across(h: Triple) -> Triple:
 
 @kernel
 def _solve_along(h: Array, r: Array, turn: Array, shift: Array, out: Array) -> None:
-    """Solve arms whose axes 2, 3 and 4 are parallel, and whose axes 5 and 6 meet; array of shape (8, 6)."""
+    """Solve arms with axes 2, 3, 4 parallel and 5, 6 meeting; array, shape (8, 6)."""
     h1, r1 = _line(h, r, 0)
     h2, r2 = _line(h, r, 1)
     _, r3 = _line(h, r, 2)
@@ -394,7 +394,7 @@ def _solve_along(h: Array, r: Array, turn: Array, shift: Array, out: Array) -> N
 
 @kernel
 def nearest_turns(chains: Chains, first: int, posture: Array, q: Array) -> float:
-    """Turn the joints of one arm by whole turns to what is nearest to `posture` inside their limits, in place.
+    """Shift an arm's joints by whole turns towards `posture`, in place. They stay inside their limits.
 
     Parameters
     ----------
@@ -425,10 +425,10 @@ def nearest_turns(chains: Chains, first: int, posture: Array, q: Array) -> float
 def closed_seeds(
     form: ClosedForm, chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, n_angles: int
 ) -> Array:
-    """Return joints at which a grasp has a pose, inside their limits: on every branch those nearest to a posture.
+    """Return an arm's joints at a pose, on every solution branch.
 
-    The joint that is given goes through `n_angles` angles; where a branch is left and found again, or comes nearer to
-    the posture again, there is one result more.
+    They are the nearest to a posture inside their limits. The given joint takes `n_angles` angles; where a branch
+    ends and begins again, or comes nearer to the posture again, there is one result more.
 
     Parameters
     ----------

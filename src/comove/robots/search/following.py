@@ -1,8 +1,8 @@
-"""Kernels in which arms follow the hands.
+"""Kernels in which arms follow the end effectors.
 
 Each sample is solved from the joints of the samples before it, and redundant joints are drawn to a *course*, the line
-from the joints at the start to those at the goal, so the joints move as continuously as the hands. Residuals, margins
-of the joints, rates, torques and distances of the links are summed into one penalty for each motion.
+from the joints at the start to those at the goal, so the joints move as continuously as the end effectors. Residuals,
+margins of the joints, rates, torques and distances of the links are summed into one penalty for each motion.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PATIENT = SETTLING._replace(gain=0.2, most=70)
 
 
 class Arms(NamedTuple):
-    """Chains, links, ranges and surroundings of arms that carry a load, for kernels."""
+    """Chains, links, ranges and surroundings of arms, for kernels."""
 
     chains: Chains
     links: Links
@@ -46,16 +46,16 @@ class Arms(NamedTuple):
     around: LinkSurroundings
 
     def among(self, obstacles: Array, moved: Displacements = STILL) -> Arms:
-        """Return the same arms among other obstacles, in a table at 0 s."""
+        """Return the same arms among other obstacles, a table at 0 s."""
         return self._replace(around=self.around._replace(obstacles=obstacles, moved=moved))
 
 
 class Strain(NamedTuple):
-    """Measures of what motions demand of the arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
+    """The demands of motions on arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
 
     Attributes
     ----------
-    missing : largest distance by which a hand's pose is out of reach [m] (a radian counts `TURN`)
+    missing : largest distance by which an end effector's pose is out of reach [m] (a radian counts `TURN`)
     rates : array, shape (n_rollouts, n_arms, 3), largest share of the limits of speed, acceleration and torque
     jolt : mean square of the accelerations as shares of their limits
     penalty : penalty of the arm, 0 where every limit is kept
@@ -75,7 +75,7 @@ class Strain(NamedTuple):
 def solutions(
     chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
 ) -> tuple[Array, Array]:
-    """Solve one arm's joints for a pose from several seeds; returns them and their residuals."""
+    """Solve an arm's joints for a pose from seeds; return joints and residuals."""
     missing, least = np.empty(seeds.shape[0]), np.inf
     for k in range(seeds.shape[0]):
         missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
@@ -88,7 +88,7 @@ def solutions(
 
 @kernel
 def hand_rotation(around: LinkSurroundings, nodes: Array, i: int, out: Array) -> None:
-    """Compute the orientation of hand i (see `Grasp.hand_rotations`); nodes, array of shape (n_nodes, 3)."""
+    """Compute the orientation of end effector i; `nodes` is (n_nodes, 3). See `Grasp.hand_rotations`."""
     hold, c, s = around.hold, 1.0, 0.0
     if hold.keypoints.shape[0] > 0:
         _hand_on_keypoints(hold, nodes, i, out)
@@ -107,7 +107,7 @@ def hand_rotation(around: LinkSurroundings, nodes: Array, i: int, out: Array) ->
 
 @kernel
 def _hand_on_keypoints(hold: HandOrientation, nodes: Array, i: int, out: Array) -> None:
-    """Compute the orientation of hand i from the keypoints of the load."""
+    """Compute the orientation of end effector i from the payload's keypoints."""
     p, q, r = nodes[hold.keypoints[0]], nodes[hold.keypoints[1]], nodes[hold.keypoints[2]]
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     bx, by, bz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
@@ -127,12 +127,12 @@ def _hand_on_keypoints(hold: HandOrientation, nodes: Array, i: int, out: Array) 
 
 @kernel
 def posture_on(course: Array, around: LinkSurroundings, nodes: Array, out: Array) -> None:
-    """Compute the posture on a course to which redundant joints are drawn, as far from its ends as the load is.
+    """Interpolate a course's posture by the payload's distances from both ends. It draws redundant joints.
 
     Parameters
     ----------
     course : array, shape (2, n_joints), joints at start and goal
-    nodes : array, shape (n_nodes, 3), hands first, then nodes of the load [m]
+    nodes : array, shape (n_nodes, 3), end effectors first [m]
     out : result, array of shape (n_joints,)
     """
     away = np.zeros(2)
@@ -149,11 +149,11 @@ def posture_on(course: Array, around: LinkSurroundings, nodes: Array, out: Array
 
 @kernel(nogil=True)
 def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
-    """Follow motions of the load and its hands; returns the fields of `Strain`.
+    """Follow motions of payload and end effectors; return the fields of `Strain`.
 
     Parameters
     ----------
-    nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
+    nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), end effectors first, evenly spaced over `duration` [m]
     course : array, shape (2, n_joints), joints at start and goal; the first pose is solved from the former
     """
     chains = arms.chains
@@ -174,7 +174,7 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
 
 @kernel(nogil=True)
 def course_penalties(arms: Arms, nodes: Array, courses: Array, duration: float) -> Array:
-    """Compute the penalties of the arms, as in `Strain`, on several courses along one motion.
+    """Compute the arms' penalties on several courses along one motion. See `Strain`.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _demand(
     jolt: Array,
     penalty: Array,
 ) -> None:
-    """Add what one motion demands of the arms, by themselves, to rates, jolts and penalties as in `Strain`."""
+    """Add each arm's demands of one motion to rates, jolts and penalties. See `Strain`."""
     wished = 0.15  # rad, of margin to the limits, below which it costs something
     chains, n_steps = arms.chains, nodes.shape[0]
     for i in range(chains.first.shape[0] - 1):
@@ -227,8 +227,9 @@ def _demand(
 
 @kernel
 def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array) -> None:
-    """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), and the distances by
-    which poses are out of reach, `missing`, array of shape (n_steps, n_arms) [m].
+    """Compute the joints along one motion.
+
+    Results are `q`, (n_steps, n_joints), and `missing`, (n_steps, n_arms) [m].
     """
     chains, around = arms.chains, arms.around
     n_steps, rotation, posture = nodes.shape[0], np.empty((3, 3)), np.empty(course.shape[1])
@@ -248,11 +249,10 @@ def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array
 
 @kernel
 def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
-    """Compute the least clearance of the links [m], at most the wished one, and the penalty of what is less.
+    """Compute the links' least clearance [m], and the penalty of missing clearance. It is capped at the desired one.
 
     Links are placed at every second sample. In between the ends of their axes are assumed to move on straight lines;
-    where an obstacle, as it moves meanwhile, or the load is near, distances are computed at every 2 cm, at most ten
-    times.
+    near the payload or an obstacle, as it moves meanwhile, distances are computed at every 2 cm, at most ten times.
     """
     stride, sub_step, most = 2, 0.02, 10
     chains, links, around = arms.chains, arms.links, arms.around
@@ -295,7 +295,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
 
 @kernel
 def _longest_step(links: Links, here: Array, there: Array) -> float:
-    """Return how far an end of a link moves, at most [m]; arrays, shape (2, n_links, 3)."""
+    """Bound the displacement of links' ends from above [m]; arrays, shape (2, n_links, 3)."""
     longest = 0.0
     for end in range(2):
         for i in links.moving:
@@ -316,17 +316,13 @@ def _blend(a: Array, b: Array, share: float, out: Array) -> None:
 
 @kernel
 def _cost_of_contact(around: LinkSurroundings, lacking: float) -> float:
-    """Return the cost of links that miss the wished clearance by `lacking` [m]; it jumps where they miss the required
-    one.
-    """
+    """Return the cost of missing clearance [m]. It jumps at the required clearance."""
     return 50.0 * lacking + (lacking > around.spare)
 
 
 @kernel
 def _rates(arms: Arms, q: Array, nodes: Array, dt: float, rates: Array, jolt: Array) -> None:
-    """Compute the largest shares of speed, acceleration and torque limits, array of shape (n_arms, 3), and jolts
-    (n_arms,).
-    """
+    """Compute largest shares of limits, shape (n_arms, 3), and jolts, (n_arms,)."""
     chains, n_steps, n_joints = arms.chains, q.shape[0], q.shape[1]
     v, w, pull, tau = np.zeros(n_joints), np.zeros(n_joints), np.zeros(3), np.zeros(n_joints)
     for t in range(n_steps):

@@ -33,13 +33,13 @@ STILL = Displacements.of(np.zeros((0, 0, 3)), np.zeros((0, 3)))  # of obstacles 
 
 
 class HandOrientation(NamedTuple):
-    """Orientations of hands that hold a load, as arrays for kernels; see `comove.model.grasp.Grasp`.
+    """Orientations of end effectors on a payload, for kernels; see `comove.model.grasp.Grasp`.
 
     Attributes
     ----------
     at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,), as of a `Grasp`
-    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
-    keypoints : array of int, shape (3,), nodes that tell how the load is turned; (0,) where hands tell its heading
+    first, second : indices of the end effectors that define the heading; equal where one holds the payload alone
+    keypoints : array of int, shape (3,), keypoints that define the orientation; (0,) where end effectors do
     """
 
     at_rest: Array = np.zeros((0, 3, 3))
@@ -50,20 +50,20 @@ class HandOrientation(NamedTuple):
 
 
 class LinkSurroundings(NamedTuple):
-    """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it, if they do.
+    """The arms' surroundings for kernels: obstacles, payload and grasps.
 
     Attributes
     ----------
     obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles at 0 s
-    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
+    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the payload: their end keypoints and radii [m]
     clearance : required clearance of the links [m]
-    eased : clearance that links need less from each other than from other things [m]
+    eased : reduction of the required clearance between links [m]
     spare : additional clearance that a search keeps [m]
     share : share of the limits of rates and torques that a search uses
-    hold : how the hands hold the load
-    carried : array, shape (n_arms,), mass at each hand [kg]
+    hold : grasps of the end effectors
+    carried : array, shape (n_arms,), mass at each end effector [kg]
     posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
-    ends : array, shape (2, n, 3), the first nodes at start and goal, hands at least [m]
+    ends : array, shape (2, n, 3), the first keypoints at start and goal, end effectors at least [m]
     moved : displacements of the obstacles at even times of the movement; none if nothing moves
     fastest : largest speed of a point of an obstacle [m a duration]
     """
@@ -107,7 +107,7 @@ class Links(NamedTuple):
     group_radius : array, shape (n_groups,), radius of a ball about the mean of a group's middles that holds it [m]
     group_center : array, shape (n_groups, 3), that mean of a group that does not move [m]; zeros for others
     group_count : array, shape (n_groups,), number of the links of a group
-    holds : array, shape (n_links,), whether the link is part of the hand, which touches the load
+    holds : array, shape (n_links,), whether the link is part of the end effector, which touches the payload
     moving : array, shape (n_moving,), indices of the links that move, arm by arm
     """
 
@@ -133,19 +133,20 @@ class Links(NamedTuple):
         return self._replace(pairs=pairs, wider=self.wider[which], runs=_runs(self.group[pairs]))
 
     def of(self, arm: int) -> Links:
-        """Keep only the links of one arm, and their pairs with each other and with links that do not move."""
+        """Keep the links of one arm, with their own and static pairs."""
         others = (self.arm != arm) & (self.arm >= 0)
         own = self.some(~others[self.pairs].any(axis=1))
         return own._replace(moving=self.moving[self.arm[self.moving] == arm])
 
 
 def load_lines(scene: Scene) -> tuple[Integers, Array]:
-    """Return the lines that stand for a load in distances to links, and their radii: rods, the edges of boxes and the
-    diagonals of their faces, and the edges of the triangles that bound other solids.
+    """Return lines that represent a payload, and their radii.
+
+    They are rods, the edges and face diagonals of boxes, and the edges of triangles that bound other solids.
 
     Returns
     -------
-    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), numbers of nodes, and [m]
+    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), numbers of keypoints, and [m]
     """
     body = scene.body
     lines = [(a, b) for a in range(N_CORNERS) for b in range(a) if (a ^ b).bit_count() < 3]
@@ -161,7 +162,7 @@ def load_lines(scene: Scene) -> tuple[Integers, Array]:
 
 
 def _hull_edges(points: Array) -> list[tuple[int, int]]:
-    """Return the edges of the triangles that bound the hull of points, array of shape (n, 3), as pairs of these."""
+    """Return the triangle edges of a hull, as pairs; `points` is (n, 3)."""
     from scipy.spatial import ConvexHull  # slow to import, and only meshes need it
 
     simplices = ConvexHull(points).simplices
@@ -170,10 +171,10 @@ def _hull_edges(points: Array) -> list[tuple[int, int]]:
 
 
 def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02) -> Links:
-    """Build capsules around the collision geometry; arms that are not among `arms` stay at home.
+    """Build capsules around the collision geometry. Arms that are not among `arms` stay at home.
 
     Only pairs that provably never come near each other are left out. Capsules are wider than bodies: where a pair of
-    them meets at home, it counts as farther apart by what the bodies are there (`wider`).
+    them meets at home, it is considered farther apart by the distance of the bodies there (`wider`).
 
     Parameters
     ----------
@@ -190,11 +191,11 @@ def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02) -> L
 
 
 def recalled(robot: Robot, arms: tuple[Arm, ...], links: Links, q: Array, too_near: float) -> Links:
-    """Correct how much `wider` capsules are than bodies, where a verification found bodies too near.
+    """Correct how much `wider` capsules are than bodies, after a rejection.
 
     Parameters
     ----------
-    q : array, shape (n_joints,), joints of `arms` at which they are [rad, m for prismatic joints]
+    q : array, shape (n_joints,), joints of `arms` with too near bodies [rad, m for prismatic joints]
     too_near : distance of bodies above which pairs stay as they are [m]
     """
     _, bodies = all_links(robot, arms)
@@ -208,7 +209,7 @@ def recalled(robot: Robot, arms: tuple[Arm, ...], links: Links, q: Array, too_ne
 
 
 def body_distances(robot: Robot, arms: tuple[Arm, ...], q: Array, pairs: Integers) -> Array:
-    """Compute the distances of pairs of collision bodies at joints of some arms, the others at home.
+    """Compute distances of collision bodies at some arms' joints, others at home.
 
     Parameters
     ----------
@@ -231,9 +232,7 @@ def body_distances(robot: Robot, arms: tuple[Arm, ...], q: Array, pairs: Integer
 
 
 def _may_meet(chains: Chains, links: Links) -> NDArray[np.bool_]:
-    """Return which pairs may come within `ENOUGH` of each other, as far as the lengths of the chains tell; array,
-    shape (n_pairs,). Pairs of one arm always may.
-    """
+    """Return which pairs may come within `ENOUGH`, as one arm's always do; array, shape (n_pairs,)."""
     root, length = 0.5 * (links.start + links.end), np.linalg.norm(links.end - links.start, axis=1) / 2
     length, slid = (
         length + links.radius,
@@ -252,7 +251,7 @@ def _may_meet(chains: Chains, links: Links) -> NDArray[np.bool_]:
 
 
 def _runs(groups: Integers) -> Integers:
-    """Return `Links.runs` of pairs, whose groups are an array of shape (n_pairs, 2)."""
+    """Return `Links.runs` of pairs, whose `groups` have shape (n_pairs, 2)."""
     changes = np.flatnonzero((groups[1:] != groups[:-1]).any(axis=1)) + 1
     first = np.concatenate([np.zeros(min(1, len(groups)), dtype=np.int64), changes])
     return np.column_stack([groups[first], first, np.append(first[1:], len(groups))[: len(first)]])
@@ -260,7 +259,7 @@ def _runs(groups: Integers) -> Integers:
 
 @lru_cache(maxsize=32)
 def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
-    """Build capsules, with all pairs of links of which one moves; return them and the body that each is of."""
+    """Build capsules with all pairs that move; return them and their bodies."""
     model, collision = robot.model, robot.collision
     columns = np.concatenate([arm.columns for arm in arms])
     of_arm = np.concatenate([np.full(len(arm.columns), i) for i, arm in enumerate(arms)])
@@ -317,7 +316,7 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
 
 
 def _group_radii(ends: Array, radii: Array, group: Integers) -> Array:
-    """Compute the radii of balls about the means of the middles of groups of capsules; array, shape (n_groups,) [m].
+    """Compute the radii of balls around groups of capsules; array, shape (n_groups,) [m].
 
     Parameters
     ----------
@@ -330,14 +329,14 @@ def _group_radii(ends: Array, radii: Array, group: Integers) -> Array:
 
 
 def _group_centers(ends: Array, group: Integers) -> tuple[Array, Array]:
-    """Compute the means of the middles of groups of capsules, shape (n_groups, 3) [m], and how many these are."""
+    """Compute means of middles of capsule groups, (n_groups, 3) [m], and counts."""
     total, counts = np.zeros((group.max(initial=-1) + 1, 3)), np.bincount(group).astype(np.float64)
     np.add.at(total, group, ends.mean(axis=1))
     return total / counts[:, None], counts
 
 
 def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> list[LinkCapsule]:
-    """Return the capsules of a shape, computed once for equal meshes: two arms often are of one make."""
+    """Return the capsules of a shape, computed once for equal meshes. Two arms often are of one make."""
     if not hasattr(shape, "vertices"):
         return capsules_of(shape, moves)
     key = moves, getattr(shape, "num_tris", None), vertices_of(shape).tobytes()
@@ -348,9 +347,7 @@ def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> l
 
 @kernel
 def pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
-    """Compute the least distance of each pair of links over configurations, infinite where they are never within
-    `ENOUGH` of each other; array, shape (n_pairs,) [m].
-    """
+    """Compute least pair distances over configurations, infinite beyond `ENOUGH`; array, shape (n_pairs,) [m]."""
     start, end = links.start.copy(), links.end.copy()
     least = np.full(links.pairs.shape[0], np.inf)
     for k in range(samples.shape[0]):
@@ -397,15 +394,15 @@ def links_clearance(
     nodes: Array,
     cap: float,
 ) -> float:
-    """Compute the least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
+    """Compute the links' least distance from obstacles, payload and each other [m]. It is at most `cap`.
 
-    Links count as farther from each other by what they need less (`eased`).
+    Links count as farther from each other by the reduction `eased`.
 
     Parameters
     ----------
-    instant : at which obstacles are looked at, as in `comove.contacts.displaced`
+    instant : instant of the obstacles, as in `comove.contacts.displaced`
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
-    nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
+    nodes : array, shape (n_nodes, 3), keypoints [m]
     """
     least, eased = clearance_around(links, around, instant, start, end, nodes, cap), around.eased
     return clearance_between(links, start, end, least - eased) + eased
@@ -422,7 +419,7 @@ def clearances_at(
     cap: float,
     blocked: float = -np.inf,
 ) -> Array:
-    """Compute the clearances of the links, see `links_clearance`, at several joints, array of shape (n, n_joints).
+    """Compute `links_clearance` at several joints, array of shape (n, n_joints).
 
     Returns
     -------
@@ -448,7 +445,7 @@ def clearance_around(
     nodes: Array,
     cap: float,
 ) -> float:
-    """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
+    """Compute links' least distance from obstacles and payload [m], at most `cap`."""
     least = cap
     for i in links.moving:
         least = _from_obstacles(around, instant, start[i], end[i], links.radius[i], least)
@@ -459,7 +456,7 @@ def clearance_around(
 def _from_obstacles(
     around: LinkSurroundings, instant: Instant, a: Array, b: Array, radius: float, cap: float
 ) -> float:
-    """Return the least distance [m] of a link from obstacles at an instant, at most `cap`."""
+    """Return a link's least distance [m] from obstacles, at most `cap`."""
     least, obstacles = cap, around.obstacles
     for j in range(obstacles.shape[0]):
         apart = rod_distance(obstacles, around.moved, j, instant, a, b, least + radius, ROUGH)
@@ -471,9 +468,7 @@ def _from_obstacles(
 def load_clearances(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> tuple[float, float]:
-    """Compute the least distances [m] of the load, from moving links that do not hold it, and from links that stand
-    still, each at most `cap`.
-    """
+    """Compute the payload's least distances [m] from moving and static links. Each is at most `cap`."""
     moving, still, (x, y, z, size) = cap, cap, _ball_about_load(around, nodes)
     for i in range(links.joint.shape[0]):
         if links.holds[i]:
@@ -493,7 +488,7 @@ def load_clearances(
 
 @kernel
 def _ball_about_load(around: LinkSurroundings, nodes: Array) -> tuple[float, float, float, float]:
-    """Return the centre and the radius of a ball that holds the load [m]."""
+    """Return centre and radius of a ball around the payload [m]."""
     (x, y, z, size), thickest = ball_about(nodes), 0.0
     for radius in around.radii:
         thickest = max(thickest, radius)
@@ -504,7 +499,7 @@ def _ball_about_load(around: LinkSurroundings, nodes: Array) -> tuple[float, flo
 def _from_load(
     around: LinkSurroundings, a: Array, b: Array, radius: float, nodes: Array, cap: float
 ) -> float:
-    """Return the least distance [m] of a link from the load, at most `cap`."""
+    """Return a link's least distance [m] from the payload, at most `cap`."""
     least, edges = cap, around.edges
     for e in range(edges.shape[0]):
         if edges[e, 0] != edges[e, 1]:
@@ -518,8 +513,9 @@ def _from_load(
 def links_near(
     chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, enough: float
 ) -> NDArray[np.bool_]:
-    """Return whether each moving link is within `enough` [m] of an obstacle or the load at the joints q, array of
-    shape (n_joints,); array, shape (n_links,).
+    """Return which moving links are near obstacles or payload; array, shape (n_links,).
+
+    They are within `enough` [m] at the joints q, array of shape (n_joints,).
     """
     start, end = links.start.copy(), links.end.copy()
     place_links(chains, links, q, start, end)
@@ -535,7 +531,7 @@ def links_near(
 
 @kernel
 def clearance_between(links: Links, start: Array, end: Array, cap: float) -> float:
-    """Compute the least distance [m] of the links from each other alone, at most `cap`."""
+    """Compute the links' least distance [m] from each other, at most `cap`."""
     least, middle, centre = cap, np.empty_like(start), links.group_center.copy()
     for i in range(start.shape[0]):
         middle[i, 0] = 0.5 * (start[i, 0] + end[i, 0])

@@ -1,4 +1,4 @@
-"""The outline of a robot about a load that nobody holds: capsules tell what is surely free, or surely blocked."""
+"""The outline of a robot's arms about a resting payload, as capsules."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from comove.robots.search.links import (
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The arms as capsules, which tell at once what is surely free and what is surely blocked.
+    """The arms as capsules, which classify configurations as free or blocked.
 
     Attributes
     ----------
-    chains, links, around : the arms and what is about them, for kernels
+    chains, links, around : the arms and their surroundings, for kernels
     columns : array, shape (n_moving,), joints of the robot in the chains' order
-    nodes : array, shape (n_nodes, 3), where the load lies [m]
+    nodes : array, shape (n_nodes, 3), the resting payload's keypoints [m]
     bodies : name of the body that each link is of
     names : names of both bodies of each pair of links
-    untold : names of both bodies of pairs about which the outline says nothing
+    untold : names of both bodies of pairs without information
     """
 
     chains: Chains
@@ -50,14 +50,15 @@ class Outline:
     def between(
         cls, robot: Robot, scene: Scene, ends: Array, nodes: Array | None, *, keep: float, eased: float
     ) -> Outline:
-        """Return the outline of all arms for ways between two configurations. Pairs of links whose capsules are
-        nearer than `keep` [m] at one of them are left out.
+        """Return the outline of all arms for paths between two configurations.
+
+        Pairs of links whose capsules are nearer than `keep` [m] at one of them are left out.
 
         Parameters
         ----------
         ends : array, shape (2, n_joints)
-        nodes : where the load lies, None where there is none
-        eased : clearance that links need less from each other than from other things [m]
+        nodes : the resting payload's keypoints, None without one
+        eased : reduction of the required clearance between links [m]
         """
         arms, items = robot.arms, robot.collision.geometryObjects
         chains, columns = chains_of(robot, arms), np.concatenate([arm.columns for arm in arms])
@@ -84,8 +85,7 @@ class Outline:
         )
 
     def clearances(self, q: Array, enough: float, blocked: float) -> Array:
-        """Compute the least distance of capsules at configurations, up to the first at which it is not above
-        `blocked`; -inf from there on.
+        """Compute the capsules' least distances up to a blocked configuration. It is the first not above `blocked`.
 
         Parameters
         ----------
@@ -94,16 +94,14 @@ class Outline:
 
         Returns
         -------
-        array, shape (n_configurations,) [m]
+        array, shape (n_configurations,) [m]; -inf from the blocked configuration on
         """
         of_arms = np.ascontiguousarray(q[:, self.columns])
         arms = self.chains, self.links, self.around
         return clearances_at(*arms, RESTING, of_arms, self.nodes, enough, blocked)
 
     def near(self, q: Array, enough: float) -> tuple[frozenset[str], set[frozenset[str]]]:
-        """Return the names of the bodies whose capsules are within `enough` [m] of obstacles or the load at joint
-        positions q, and the names of both bodies where capsules of links are within it of each other.
-        """
+        """Return bodies near obstacles or payload, and pairs of near bodies. Near is within `enough` [m]."""
         of_arms = np.ascontiguousarray(q[None, self.columns])
         about = links_near(self.chains, self.links, self.around, of_arms[0], self.nodes, enough)
         pairs = pair_distances(self.chains, self.links, of_arms) < enough

@@ -1,9 +1,9 @@
-"""Plans of payloads that arms carry: trees whose nodes hold the joints too.
+"""Plans of payloads with arms: trees whose nodes hold the joints too.
 
 An edge is followed from the joints of the node where it begins: every arm has to reach its grasp on each of many
-poses without a jump, while links keep their clearance from all that is there at that time. The trees of both ends
-meet in the payload's configuration; whether the joints of both belong to one branch is checked when the whole path is
-followed from the start.
+poses without a jump, while links keep their clearance from everything there at that time. The trees of both ends
+meet in the payload's configuration; whether the joints of both belong to one inverse-kinematics solution is checked
+when the whole path is followed from the start.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ FOLLOWING_WORK = 2000  # distances of segments that a pose of all arms takes as 
 
 
 class ArmPlanSettings(NamedTuple):
-    """Settings of plans in which arms follow the load.
+    """Settings of plans in which arms follow the payload.
 
     Attributes
     ----------
     sub_step : span between the poses that the arms are followed through [m]
-    jump : turn of a joint within a sub-step that leads to another branch [rad]
+    jump : rotation of a joint within a sub-step that leads to another solution branch [rad]
     settling : turn of a joint within a sub-step that takes no time, as redundant joints come to rest [rad]
     n_trees : pairs of trees that meet, where their paths cannot be followed from one end to the other
     n_draws : configurations drawn for each node at most; most of them are out of reach
     n_shortcuts : attempts to shorten a path
-    spacing : span between the vertices of a path that is to be shortened, at most [m]
-    shorter : span that a straight piece has to save, to be worth following it [m]
+    spacing : largest span between the vertices of a path before it is shortened [m]
+    shorter : least saving of a straight piece that is followed [m]
     """
 
     sub_step: float = 0.03
@@ -60,7 +60,7 @@ SETTINGS = ArmPlanSettings()
 
 
 class CarryingArms(NamedTuple):
-    """The arms that carry a payload, as a world of nodes asks them.
+    """The arms that hold a payload, for a world of nodes.
 
     Attributes
     ----------
@@ -90,12 +90,12 @@ def plan_with_arms(
     densely: bool = False,
     settings: ArmPlanSettings = SETTINGS,
 ) -> tuple[Array, Array, Array] | None:
-    """Plan a path of the payload that the arms can follow from start to goal; None where none was found.
+    """Plan a payload path that the arms can follow; None if there is none.
 
     Parameters
     ----------
     world : world of the payload alone, with times or without
-    arms : the arms that carry the payload
+    arms : the arms that hold the payload
     start, goal : configuration of the payload, array of shape (n_columns,), and joints, array of shape (n_joints,)
     margin : margin of the clearance of payload and links above the required one [m]; less where the ends have less
     required : required clearance of the payload [m]
@@ -105,7 +105,7 @@ def plan_with_arms(
     Returns
     -------
     arrays, shapes (n_configurations, n_columns), (n_configurations, n_joints) and (n_configurations, 0 or 1):
-    configurations, their joints, and their normalised times if there are such
+    configurations, their joints, and their normalised times, if any
     """
     space, n, timed = world.space, len(start[0]), world.timing is not None
     if world.timing is not None:
@@ -127,7 +127,7 @@ def plan_with_arms(
 
 
 def _links_at(world: World, arms: Arms, node: Array, n: int) -> float:
-    """Compute the clearance of the links at a node, whose first n values are a configuration [m]."""
+    """Compute the links' clearance at a node [m]. Its first n values are a configuration."""
     nodes, q = np.empty((world.space.blocks.node.shape[0], 3)), node[None, n : n + len(arms.chains.lower)]
     place_one(world.space.blocks, node, 1.0, nodes)
     instant = instant_of(world.timing, node)
@@ -138,7 +138,7 @@ def _links_at(world: World, arms: Arms, node: Array, n: int) -> float:
 def _planned(
     world: World, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
 ) -> Array:
-    """Plan a path and shorten it, anew where trees have met in joints that do not; it is empty where none was found.
+    """Plan and shorten a path; it is empty without success. Trees that meet in different joints are grown anew.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def _planned(
 def _way(
     world: World, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
 ) -> Array:
-    """Plan as `_planned` does, and follow the path once more: it comes back dense, with all joints."""
+    """Plan as `_planned`, and follow the path again. It returns dense, with all joints."""
     path = _planned(world, start, goal, margin, rng, max_nodes)
     if path.shape[0] == 0:
         return path
@@ -173,7 +173,7 @@ def _way(
 
 @kernel
 def dense(world: World, path: Array) -> Array:
-    """Return the path with intermediate nodes, at most `spacing` [m] apart, whose joints are not known yet."""
+    """Return the path with intermediate nodes, at most `spacing` [m] apart. Their joints are unknown."""
     counts, n, spacing = np.ones(path.shape[0], dtype=np.int64), 1, world.arms.settings.spacing
     for k in range(1, path.shape[0]):
         counts[k] = max(1, int(np.ceil(span(world.space, path[k - 1], path[k]) / spacing)))
@@ -190,7 +190,7 @@ def dense(world: World, path: Array) -> Array:
 
 @kernel
 def follow_path(world: World, path: Array) -> bool:
-    """Write the joints along a path from those of the start; returns False where the arms cannot follow."""
+    """Write the joints along a path from the start; return whether arms can follow."""
     n, course = world.arms.n_columns, world.arms.course
     copy_to(course[0], path[0, n : n + course.shape[1]])
     for k in range(1, path.shape[0]):
@@ -202,8 +202,9 @@ def follow_path(world: World, path: Array) -> bool:
 @follow.answered_for(CarryingArms)
 @kernel
 def follow_edge(carrying: CarryingArms, world: World, p: Array, target: Array) -> bool:
-    """Follow an edge from the joints of p with all arms, and write the joints into its end; returns False where an
-    arm does not reach, jumps, has not the time, or comes too near.
+    """Follow an edge from p's joints, written at its end; return success.
+
+    It fails where an arm does not reach, jumps, lacks the time, or comes too near.
     """
     space, how, course, (chains, links, _, around) = (
         world.space,

@@ -1,9 +1,9 @@
-"""Poses of hands that arms may reach, as a planner draws them: how far a wrist can be from its shoulder.
+"""Poses possibly within arms' reach, by distances of wrists from shoulders.
 
-The *shoulder* is the last of an arm's joints that stays where it is, whatever the joints do; the *wrist* the first
-that stays where it is as seen from the hand. So a hand's pose alone says how far they are from each other. What lies
-between the least and the largest distance is not always reached; what lies outside never is. Both distances are
-found by random joints, ever closer to the best, and taken a little wider.
+The *shoulder* is the last of an arm's joints that no joint moves; the *wrist* the first one that is fixed in the end
+effector's frame. So an end effector's pose alone determines their distance. Between the least and the largest
+distance not every pose is reached; outside none is. Both distances are found by random joints, ever closer to the
+best, and taken a little wider.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ STILL = 1e-9  # m, that a point which stays where it is may move by
 
 
 class WristRanges(NamedTuple):
-    """The distances of wrists from shoulders that the joints of each arm allow.
+    """The possible distances of wrists from shoulders, for each arm.
 
     Attributes
     ----------
     shoulder : array, shape (n_arms, 3), in the scene [m]
-    wrist : array, shape (n_arms, 3), in the frame of the hand [m]
+    wrist : array, shape (n_arms, 3), in the frame of the end effector [m]
     least, most : arrays, shape (n_arms,), distances [m]
     """
 
@@ -43,7 +43,7 @@ def ranges_of(chains: Chains, *, n_samples: int = 200, n_rounds: int = 8, edge: 
     ----------
     n_samples : random joints a round
     n_rounds : rounds about the best joints so far, each half as far from them as the one before
-    edge : by which ranges are wider than what was found [m]
+    edge : by which ranges are wider than those found [m]
     """
     rng, span = np.random.default_rng(0), chains.upper - chains.lower
     samples = rng.uniform(chains.lower, chains.upper, (n_samples, len(span)))
@@ -60,14 +60,14 @@ def ranges_of(chains: Chains, *, n_samples: int = 200, n_rounds: int = 8, edge: 
 
 
 def _still(points: Array) -> NDArray[np.bool_]:
-    """Return which points stay where they are; arrays, shapes (n_samples, n_points, 3) and (n_points,)."""
+    """Return which points are fixed; arrays, shapes (n_samples, n_points, 3) and (n_points,)."""
     return np.ptp(points, axis=0).max(axis=-1) < STILL
 
 
 def _extreme(
     chains: Chains, arm: int, shoulder: int, wrist: int, sign: float, samples: Array, steps: Array
 ) -> float:
-    """Return the least (sign 1) or largest (-1) distance that is found near the best samples of every round."""
+    """Return the least (sign 1) or largest (-1) distance found. Every round samples near the best."""
     best, least = samples[0], np.inf
     for step in (None, *steps):
         if step is not None:
@@ -81,8 +81,9 @@ def _extreme(
 
 @kernel
 def _placed(chains: Chains, arm: int, samples: Array) -> tuple[Array, Array]:
-    """Compute where an arm begins, the origins of its joints and its hand, and the hand's orientation; arrays, shapes
-    (n_samples, n_joints + 2, 3) and (n_samples, 3, 3).
+    """Compute an arm's base, joint origins, end effector, and its orientation.
+
+    Arrays, shapes (n_samples, n_joints + 2, 3) and (n_samples, 3, 3).
     """
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     points, hands = np.empty((samples.shape[0], n + 2, 3)), np.empty((samples.shape[0], 3, 3))
@@ -98,7 +99,7 @@ def _placed(chains: Chains, arm: int, samples: Array) -> tuple[Array, Array]:
 
 @kernel
 def may_reach(ranges: WristRanges, arm: int, rotation: Array, point: Array) -> bool:
-    """Return whether a pose of a hand, arrays of shape (3, 3) and (3,), is within the range of its arm."""
+    """Return whether an end effector's pose is within its arm's range. Its arrays have the shapes (3, 3) and (3,)."""
     square = 0.0
     for a in range(3):
         away = point[a] - ranges.shoulder[arm, a]

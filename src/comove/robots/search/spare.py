@@ -27,16 +27,16 @@ EXACT = SEARCHING._replace(tolerance=1e-8)
 
 
 class FollowerSettings(NamedTuple):
-    """Settings of how arms are followed along a motion that is optimised.
+    """Settings of arms that follow an optimised motion.
 
     Attributes
     ----------
     within : by which poses must be within reach [m]
-    more : clearance that is added at first and after every rejection, as samples do not tell what is between them,
-        nor how redundant joints go on [m]
-    soon : distance beyond what is required below which it counts how a distance changes [m]
-    move : by which a configuration is moved to see what changes [m, or of a direction or quaternion]
-    lever : with which distances to the end of reach are about right for most arms, see `_within_reach` [m]
+    more : clearance added at first and after every rejection, as samples neither cover the time between them nor
+        determine redundant joints [m]
+    soon : distance beyond the required one below which slopes are computed [m]
+    move : step of finite differences [m, or of a direction or quaternion]
+    lever : makes distances to the end of reach about right for most arms, see `_within_reach` [m]
     """
 
     within: float = 2e-3
@@ -51,18 +51,18 @@ SETTINGS = FollowerSettings()
 
 @dataclass(frozen=True, eq=False)
 class ArmsFollower:
-    """Arms that follow motions of a load, as `comove.planning.convex.programme.Follower` describes.
+    """Arms that follow a payload, as `comove.planning.convex.programme.Follower`.
 
-    The distances are of as many kinds as there are arms, and two more: how far the pose of each hand is within the
-    arm's reach, negative where it is out of it, the clearance of the links from obstacles and load, and the one from
-    each other.
+    The distances are of as many kinds as there are arms, and two more: the distance of each end effector's pose
+    within the arm's reach, negative out of it, the clearance of the links from obstacles and payload, and the one
+    from each other.
 
     Attributes
     ----------
     course : array, shape (2, n_joints), joints at start and goal
     at_ends : array, shape (n_kinds,), least distances at start and goal [m]
-    settings : settings of how arms are followed
-    strict : how often more clearance is asked for beyond the required one
+    settings : settings of the following arms
+    strict : how often more clearance than the required one is added
     """
 
     arms: Arms
@@ -75,27 +75,27 @@ class ArmsFollower:
     def near(
         cls, arms: Arms, course: Array, nodes: Array, settings: FollowerSettings = SETTINGS
     ) -> ArmsFollower:
-        """Return what follows motions near one; what has less to spare at its ends may have so anywhere.
+        """Return the follower of motions near a given one. Distances that are smaller at its ends may be so anywhere.
 
         Parameters
         ----------
-        nodes : array, shape (n_steps, n_nodes, 3), hands and nodes of the load [m]
+        nodes : array, shape (n_steps, n_nodes, 3), keypoints [m]
         """
         _, spare = spare_along(arms, np.ascontiguousarray(nodes), course, settings.lever)
         return cls(arms, course, spare[[0, -1]].min(axis=0) - ROUGH, settings)
 
     def stricter(self) -> ArmsFollower:
-        """Return what asks for more clearance."""
+        """Return a follower that requires more clearance."""
         return replace(self, strict=self.strict + 1)
 
     def required(self, margin: float) -> Array:
-        """Return the distances that are required; array, shape (n_kinds,) [m]."""
+        """Return the required distances; array, shape (n_kinds,) [m]."""
         reach = np.full(len(self.arms.chains.first) - 1, self.settings.within)
         clearance = np.full(2, self.arms.around.clearance + self.strict * self.settings.more + margin)
         return np.minimum(self.at_ends, np.concatenate([reach, clearance]))
 
     def follow(self, nodes: Array) -> tuple[Array, Array]:
-        """Compute the joints along a motion, shape (n_samples, n_joints), and distances, (n_samples, n_kinds) [m]."""
+        """Compute joints along a motion, (n_samples, n_joints), and distances, (n_samples, n_kinds) [m]."""
         return spare_along(self.arms, np.ascontiguousarray(nodes), self.course, self.settings.lever)
 
     def slopes(self, blocks: Blocks, q: Array, joints: Array, spare: Array) -> Array:
@@ -108,7 +108,7 @@ class ArmsFollower:
 
 @kernel(nogil=True)
 def spare_along(arms: Arms, nodes: Array, course: Array, lever: float) -> tuple[Array, Array]:
-    """Follow one motion; returns joints, shape (n_steps, n_joints), and distances, shape (n_steps, n_kinds) [m]."""
+    """Follow one motion; return joints, shape (n_steps, n_joints), and distances, (n_steps, n_kinds) [m]."""
     links, n_steps, n_arms = arms.links, nodes.shape[0], arms.chains.first.shape[0] - 1
     q, left = np.empty((n_steps, course.shape[1])), np.empty((n_steps, n_arms))
     follow_one(arms, nodes, course, q, left)
@@ -123,18 +123,18 @@ def spare_along(arms: Arms, nodes: Array, course: Array, lever: float) -> tuple[
 
 @kernel
 def _reach(chains: Chains, arm: int, q: Array, left: float, lever: float) -> float:
-    """Return how far a hand is within its arm's reach, of which it misses its pose by `left` [m]."""
+    """Return an end effector's distance within reach [m]. Its pose is missed by `left`."""
     return min(ENOUGH, _within_reach(chains, arm, q, lever)) if left <= MET else -left
 
 
 @kernel
 def _within_reach(chains: Chains, arm: int, q: Array, lever: float) -> float:
-    """Return about how far a hand is from where its arm is stretched [m]; `ENOUGH` for fewer than six joints.
+    """Return an end effector's approximate distance from a stretched arm [m].
 
-    An arm of two parts of length a, whose elbow is bent by a small angle e, reaches a e^2 / 4 further, and a radian
-    of its joints moves the hand by s = a e / 2 in that direction: the distance is s^2 / a. Here s^2 is the least
-    eigenvalue of J J^T, by inverse iteration. Its direction is one of poses, and turns as well as it moves, which
-    makes s smaller: `lever` is less than a.
+    It is `ENOUGH` for fewer than six joints. An arm of two parts of length a, whose elbow is bent by a small angle e,
+    reaches a e^2 / 4 further, and a radian of its joints moves the end effector by s = a e / 2 in that direction: the
+    distance is s^2 / a. Here s^2 is the least eigenvalue of J J^T, by inverse iteration. Its direction is one of
+    poses, and turns as well as it moves, which makes s smaller: `lever` is less than a.
     """
     n_inversions = 4
     n = chains.first[arm + 1] - chains.first[arm]
@@ -159,7 +159,7 @@ def _within_reach(chains: Chains, arm: int, q: Array, lever: float) -> float:
 def _clearances(
     arms: Arms, instant: Instant, nodes: Array, q: Array, start: Array, end: Array, out: Array
 ) -> None:
-    """Write the clearances of the links at joints q, the last two distances."""
+    """Write the links' clearances at joints q, the last two distances."""
     place_links(arms.chains, arms.links, q, start, end)
     out[-2] = clearance_around(arms.links, arms.around, instant, start, end, nodes, ENOUGH)
     out[-1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
@@ -175,13 +175,13 @@ def slopes_along(
     near: Array,
     how: FollowerSettings,
 ) -> Array:
-    """Compute the derivatives of distances nearer than `near`, array of shape (n_kinds,), by differences.
+    """Compute derivatives of distances below `near`, shape (n_kinds,), by differences.
 
     Arms follow each move of a configuration with the least motion of their joints. Samples are evenly spaced in time.
 
     Parameters
     ----------
-    at : array, shape (n_steps, n_columns), configurations of the load
+    at : array, shape (n_steps, n_columns), configurations of the payload
 
     Returns
     -------

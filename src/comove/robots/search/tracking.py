@@ -1,4 +1,4 @@
-"""Joint motions that track a motion of the hands exactly."""
+"""Joint motions that track a motion of end effectors exactly."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-5, most=60)
 
 @dataclass(frozen=True)
 class Miss:
-    """An arm that does not reach its hand's pose at `time` [s], by `distance` [m] (a radian counts `chains.TURN`)."""
+    """An arm out of reach at `time` [s], by `distance` [m]. A radian counts `chains.TURN`."""
 
     arm: str
     time: float
@@ -41,17 +41,17 @@ def track(
     *,
     haste: int = 1,
 ) -> tuple[JointMotion, Miss | None]:
-    """Compute the joints along a motion of the hands, and where they miss it most, if they do.
+    """Compute the joints along a motion, and their largest miss, if any.
 
     The arms first follow the motion coarsely, as in a search. These joints, smoothed, are the posture to which
-    redundant joints are drawn when every sample is solved exactly. So the joints are as smooth as the hands are.
+    redundant joints are drawn when every sample is solved exactly. So the joints are as smooth as the end effectors.
 
     Parameters
     ----------
-    holders, arms : the arms in the order of the hands, and as arrays
+    holders, arms : the arms in the order of the end effectors, and as arrays
     course : array, shape (2, n_joints), joints of these arms at start and goal; the first pose is solved from the
         former
-    haste : samples of which one is solved first; if one of those is missed, the others are not solved
+    haste : stride of samples that are solved first; if one of those is missed, the others are not solved
     """
     duration, n_joints = motion.scene.duration, course.shape[1]
     coarse = sampled_nodes(motion)
@@ -65,7 +65,7 @@ def track(
 def track_near(
     robot: Robot, holders: tuple[Arm, ...], arms: Arms, motion: CoordinatedMotion, led: Array
 ) -> tuple[JointMotion, Miss | None]:
-    """Compute the joints along a motion of the hands that are nearest to given ones; otherwise as `track`.
+    """Compute the joints along a motion nearest to given ones. See `track`.
 
     Parameters
     ----------
@@ -77,7 +77,6 @@ def track_near(
 
 
 def _sample_times(duration: float) -> Array:
-    """Return even times of samples from 0 to the duration [s]."""
     return np.linspace(0.0, duration, int(np.ceil(SAMPLE_RATE * duration - 1e-9)) + 1)
 
 
@@ -90,7 +89,7 @@ def _solved(
     posture: Array,
     haste: int = 1,
 ) -> tuple[JointMotion, Miss | None]:
-    """Solve every sample exactly, redundant joints near to a posture; array, shape (n_steps, n_joints) [rad]."""
+    """Solve every sample, redundant joints near a posture; array, shape (n_steps, n_joints) [rad]."""
     n_steps, columns = len(time), np.concatenate([arm.columns for arm in holders])
     nodes = sampled_nodes(motion, n_steps)
     when, joints, residual = time, posture, np.zeros((0, len(holders)))
@@ -109,16 +108,16 @@ def _solved(
 
 
 def sampled_nodes(motion: CoordinatedMotion, n_steps: int = 201) -> Array:
-    """Compute hands and corners of the load at even times; array, shape (n_steps, n_nodes, 3) [m]."""
+    """Compute keypoints at even times; array, shape (n_steps, n_nodes, 3) [m]."""
     q = motion.at(np.linspace(0.0, 1.0, n_steps))[0]
     return np.ascontiguousarray(motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
 
 
 def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:
-    """Fit a least-squares spline of degree 5 to `joints` at `time`, at rest at both ends, and evaluate it at the
-    times `at`; `pieces` is the number of its polynomials.
+    """Fit a quintic least-squares spline, at rest at both ends; evaluate it.
 
-    The data are mirrored in time at both ends, as a motion from rest to rest continues smoothly that way.
+    It fits `joints` at `time` by `pieces` polynomials, and is evaluated at the times `at`. The data are mirrored in
+    time at both ends, as a motion from rest to rest continues smoothly that way.
 
     Returns
     -------
@@ -134,12 +133,11 @@ def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:
 
 @kernel
 def tracked(arms: Arms, nodes: Array, posture: Array, how: Iteration) -> tuple[Array, Array]:
-    """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms)
-    [m].
+    """Solve joints at samples, (n_steps, n_joints); return residuals, (n_steps, n_arms) [m], too.
 
     Parameters
     ----------
-    nodes : array, shape (n_steps, n_nodes, 3), hands first [m]
+    nodes : array, shape (n_steps, n_nodes, 3), end effectors first [m]
     posture : array, shape (n_steps, n_joints), to which redundant joints are drawn, and near which all begin [rad]
     """
     chains, n_steps = arms.chains, nodes.shape[0]

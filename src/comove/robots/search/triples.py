@@ -1,4 +1,4 @@
-"""Vectors of three numbers as tuples, for kernels: they live in registers, where arrays would be allocated."""
+"""Vectors of three numbers as tuples, which kernels hold in registers."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def rotated_back(r: Array, v: Triple | Array) -> Triple:
 
 @kernel
 def about(k: Triple, angle: float, v: Triple) -> Triple:
-    """Return v, turned about the unit vector k by an angle [rad] (Rodrigues, 1840)."""
+    """Rotate v about the unit vector k by an angle [rad]. See Rodrigues (1840)."""
     c, s = cos(angle), sin(angle)
     return plus(plus((c * v[0], c * v[1], c * v[2]), cross(k, v), s), k, (1.0 - c) * dot(k, v))
 
 
 @kernel
 def about_axis(k: Triple, at: Triple, angle: float, p: Triple) -> Triple:
-    """Return the point p, turned by an angle [rad] about the axis of unit direction k through the point `at`."""
+    """Rotate p by an angle [rad] about direction k through `at`."""
     return plus(at, about(k, angle, plus(p, at, -1.0)))

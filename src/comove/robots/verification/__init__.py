@@ -1,3 +1,1 @@
-"""Verification of joint motions, on Pinocchio's models and coal's shapes; it shares no code with
-`comove.robots.search`.
-"""
+"""Verification of joint motions by Pinocchio and coal, independent of `comove.robots.search`."""

@@ -1,18 +1,18 @@
-"""Bodies of a robot at work, the pairs of them that could touch, and the clearance required of each pair.
+"""Collision bodies of a robot, their pairs, and each pair's required clearance.
 
 ======== ================================================================ ==========================
 kind     pairs                                                            keep
 ======== ================================================================ ==========================
 `SCENE`  every link that a joint moves with every obstacle, and all
          links with those obstacles that move                             the scene's clearance
-`LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
-`SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
+`LOAD`   the payload and links, except beyond a holder's last joint       the scene's clearance
+`SELF`   links that the robot's description lets collide                  5 mm, or less if required
 ======== ================================================================ ==========================
 
-The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Links that
-no joint moves may touch obstacles at rest, as a base does that stands on a table: no motion changes it. Where the
-places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
-on different bases, are reduced by their effect.
+The scene's clearance is `limits.clearance`, 5 mm unless given; the payload keeps it from obstacles as well. Links
+that no joint moves may touch obstacles at rest, as a base does that stands on a table: no motion changes it. Where
+the places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between
+bodies on different bases, are reduced by their effect.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
 
 
 class CollisionBody(NamedTuple):
-    """A body and what is known of its shape.
+    """A body and the properties of its shape.
 
     Attributes
     ----------
     item : pinocchio.GeometryObject
     name : its name, for messages
-    solid : its shape as kernels take it
+    solid : its shape for kernels
     hull : its convex hull as a body, where it is a mesh that has one
     is_convex : whether the hull may replace it
     """
@@ -78,7 +78,7 @@ class CollisionBody(NamedTuple):
 
 
 class LinkBodies(NamedTuple):
-    """The bodies of a robot's links and of their hulls, which follow them; no scene changes these.
+    """The bodies of a robot's links, and their hulls, for all scenes.
 
     Attributes
     ----------
@@ -86,8 +86,8 @@ class LinkBodies(NamedTuple):
     pairs : array, shape (n_pairs, 2), links that may not touch
     joint : array, shape (n_bodies,), joint that each is on
     reach, root, length : arrays, shape (n_bodies, n_joints), (n_bodies, 3) and (n_bodies,), see `Reaches.of_ball`
-    base : array, shape (n_bodies,), number of the model whose base carries a body
-    solids : the bodies as kernels take them
+    base : array, shape (n_bodies,), number of the model on whose base a body is
+    solids : the bodies for kernels
     """
 
     bodies: tuple[CollisionBody, ...]
@@ -140,7 +140,7 @@ def _body(item: Any, name: str) -> CollisionBody:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Robot, obstacles and load: links and their hulls, obstacles, the load's shapes, and hulls of obstacles.
+    """Robot, obstacles and payload as bodies, and hulls of links and obstacles.
 
     Attributes
     ----------
@@ -152,10 +152,10 @@ class Bodies:
     required : array, shape (3,), required clearance of each kind [m]
     taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
     reach : array, shape (n_pairs, n_joints + 1 + n_moving), largest change of a distance per motion of each joint, of
-        the load, and of each obstacle that moves [m/rad, m/m]
+        the payload, and of each moving obstacle [m/rad, m/m]
     exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
         the convex hulls of meshes, nearer to everything and much faster, are checked first
-    rods : for each shape of the load, its number and the nodes that it spans (see `load_shapes`)
+    rods : for each shape of the payload, its number and the keypoints that it spans (see `load_shapes`)
     surfaces : the scene's meshes, which have an inside where they close
     moving : the obstacles that move
     """
@@ -193,11 +193,11 @@ class Bodies:
         return replace(self, **chosen, exact=number[self.exact[which]])
 
     def placed_at(self, place: Array, time: float = 0.0) -> Bodies:
-        """Return the bodies with the load, and moving obstacles as they are at an instant, placed in `geometry`.
+        """Return the bodies with payload and moving obstacles placed at an instant. They are placed in `geometry`.
 
         Parameters
         ----------
-        place : array, shape (n_nodes, 3), nodes of the load [m]
+        place : array, shape (n_nodes, 3), keypoints of the payload [m]
         time : the instant [s]
         """
         bodies = list(self.bodies)
@@ -211,11 +211,11 @@ class Bodies:
         return replace(self, bodies=tuple(bodies))
 
     def placements(self, nodes: Array, time: Array) -> tuple[list[Array], list[Array]]:
-        """Compute where the load's shapes are, then the bodies of moving obstacles.
+        """Compute the placements of the payload's shapes, then of moving obstacles.
 
         Parameters
         ----------
-        nodes : array, shape (n_steps, n_nodes, 3), nodes of the load [m]
+        nodes : array, shape (n_steps, n_nodes, 3), keypoints of the payload [m]
         time : array, shape (n_steps,) [s]
 
         Returns
@@ -240,9 +240,7 @@ class Bodies:
 
     @cached_property
     def frame(self) -> Integers:
-        """Return the frames that bodies are in: of joints, the load's shapes, and moving obstacles, in this order;
-        array, shape (n_bodies,).
-        """
+        """Return the bodies' frames: those of joints, payload shapes, moving obstacles; array, shape (n_bodies,)."""
         frame = self.joint.copy()
         numbers = [rod for rod, *_ in self.rods] + self.moving.body.tolist()
         frame[numbers] = self.robot.model.njoints + np.arange(len(numbers))
@@ -250,7 +248,7 @@ class Bodies:
 
     @cached_property
     def solids(self) -> Solids:
-        """Return the bodies as kernels take them."""
+        """Return the bodies for kernels."""
         links, here = links_of(self.robot), pin.SE3.Identity()
         frames, others = self.frame[len(links.bodies) :], self.bodies[len(links.bodies) :]
         solids = [
@@ -261,7 +259,7 @@ class Bodies:
 
     @cached_property
     def pairs(self) -> Pairs:
-        """Return the pairs as kernels take them."""
+        """Return the pairs for kernels."""
         moved = moved_by(self.robot)[self.joint]
         first, second = self.ends.T
         return Pairs(
@@ -283,14 +281,14 @@ class Bodies:
 def bodies_of(
     bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float, *, held: bool = True
 ) -> Bodies:
-    """Put robot, obstacles and load together.
+    """Combine robot, obstacles and payload.
 
     Parameters
     ----------
-    arms : arms in the order of the hands
-    hands : array, shape (n_steps, n_hands, 3), positions of the hands [m]
-    miss : largest error of the hands from the load's motion [m]
-    held : whether the holders' hands have the load in them, and so no distance from it
+    arms : arms in the order of the end effectors
+    hands : array, shape (n_steps, n_hands, 3), positions of the end effectors [m]
+    miss : largest error of the end effectors from the payload's motion [m]
+    held : whether the holders' end effectors hold the payload, and so have no distance from it
     """
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
     links, obstacles, shapes = links_of(robot), _obstacles(scene), load_shapes(carried)
@@ -353,13 +351,13 @@ def links_apart(robot: Robot) -> Array:
 
 
 def _taken(ends: Integers, pull: Array, base: Integers) -> Array:
-    """Return by how much the true distance of pairs may be less than the computed one; array, shape (n_pairs,) [m].
+    """Return the largest possible error of pairs' computed distances; array, shape (n_pairs,) [m].
 
     Parameters
     ----------
     ends : array, shape (n_pairs, 2), numbers of both bodies
     pull : array, shape (n_bodies,), largest displacement by the tolerance of a base [m]
-    base : array, shape (n_bodies,), number of the model whose base carries a body; negative for others
+    base : array, shape (n_bodies,), number of the model on whose base a body is; negative for others
     """
     first, second = ends.T
     return np.where(base[first] == base[second], 0.0, pull[first] + pull[second]) + COAL_ERROR
@@ -368,8 +366,9 @@ def _taken(ends: Integers, pull: Array, base: Integers) -> Array:
 def _pairs(
     robot: Robot, scene: Scene, obstacles: range, loads: list[int], holders: list[Arm]
 ) -> tuple[Integers, Integers]:
-    """Return pairs of bodies, array of shape (n_pairs, 2), and their kinds: links among each other, with obstacles
-    if a joint or the obstacle moves them past, and with the load.
+    """Return pairs of bodies, array of shape (n_pairs, 2), and their kinds.
+
+    They are links among each other, with obstacles if a joint or the obstacle moves them past, and with the payload.
     """
     joint, in_hands = links_of(robot).joint[: robot.collision.ngeoms], list(beyond_wrists(robot, holders))
     parts = [(links_of(robot).pairs, SELF)]
@@ -385,7 +384,7 @@ def _with(links: Integers, other: int) -> Integers:
 
 
 def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
-    """Warn of links that no joint moves and that are deep in an obstacle at rest: nothing checks these pairs.
+    """Warn of immovable links deep in a static obstacle, which nothing checks.
 
     Warns
     -----
@@ -411,7 +410,7 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
 def _with_balls_that_meet(
     first: list[CollisionBody], second: list[CollisionBody]
 ) -> list[tuple[CollisionBody, CollisionBody]]:
-    """Return the pairs of bodies, each placed in the scene, whose bounding balls meet."""
+    """Return the pairs of placed bodies whose bounding balls meet."""
     if not first or not second:
         return []
     (one, r), (two, s) = (
@@ -425,8 +424,9 @@ def _with_balls_that_meet(
 def _with_hulls(
     bodies: list[CollisionBody], hulls: Mapping[int, int], ends: Integers, kind: Integers
 ) -> tuple[Integers, Integers, Integers]:
-    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs, with their kinds;
-    and `Bodies.exact`.
+    """Return pairs with hulls in place of meshes, their kinds, and `Bodies.exact`.
+
+    Hulls replace convex meshes; the rough substitutes of other pairs come last.
 
     Parameters
     ----------
@@ -442,11 +442,9 @@ def _with_hulls(
 
 
 def obstacle_object(scene: Scene, i: int, name: str, time: float = 0.0) -> Any:
-    """Return obstacle i of a scene, as it is at an instant [s], as a pinocchio.GeometryObject.
+    """Return obstacle i at an instant [s] as a pinocchio.GeometryObject.
 
-    At ``-scene.begins`` it is as in the file.
-
-    A mesh is one of triangles.
+    At ``-scene.begins`` it is as in the file. A mesh is one of triangles.
     """
     obstacle, now = scene.file.obstacles[i], np.array([time])
     turned, center = rotations(scene.turns(now)[0, i]), np.array(obstacle.center) + scene.offsets(now)[0, i]
@@ -471,13 +469,13 @@ def _triangles(corners: Array) -> Any:
 
 
 def links_inside(bodies: Bodies, joints: Array) -> list[str]:
-    """Return which links are inside solids that meshes of the scene close, in words, as `links_within`."""
+    """Return which links are inside the scene's closed meshes, in words. See `links_within`."""
     names = bodies.names[len(links_of(bodies.robot).bodies) :]
     return links_within(bodies.robot, bodies.surfaces, names, joints)
 
 
 def links_within(robot: Robot, surfaces: Surfaces, obstacles: Sequence[str], joints: Array) -> list[str]:
-    """Return which links are inside solids that meshes close, in words; no triangle need be near them.
+    """Return which links are inside closed meshes, in words. No triangle need be near them.
 
     Parameters
     ----------
@@ -507,13 +505,13 @@ def _some_point(shape: Any) -> Array:
 
 
 def beyond_wrists(robot: Robot, arms: Iterable[Arm]) -> set[int]:
-    """Return the joints whose links move rigidly with a hand: the last one of each arm, and those beyond it."""
+    """Return the joints that move links of end effectors: each arm's last one, and those beyond it."""
     lasts = {robot.grasp_frame(arm)[0] for arm in arms}
     return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
 
 
 def _hull_of(item: Any) -> tuple[Any | None, bool]:
-    """Return the convex hull of a mesh, None where there is none, and whether it may replace the mesh."""
+    """Return a mesh's convex hull, if any, and whether it is equivalent."""
     mesh = item.geometry
     if not isinstance(mesh, coal.BVHModelBase) or (convex := _convex_of(mesh)) is None:
         return None, False
@@ -522,7 +520,7 @@ def _hull_of(item: Any) -> tuple[Any | None, bool]:
 
 
 def _convex_of(mesh: Any) -> Any | None:
-    """Return the convex hull of a mesh; None where coal builds none: more than 255 edges meet at a vertex."""
+    """Return the convex hull of a mesh, None where coal builds none. More than 255 edges meet at a vertex then."""
     if mesh.convex is None:
         with suppress(RuntimeError):
             mesh.buildConvexHull(True, "Qt")
@@ -530,7 +528,7 @@ def _convex_of(mesh: Any) -> Any | None:
 
 
 def solid_of(item: Any, placement: Any = None) -> Solid:
-    """Return a pinocchio.GeometryObject as kernels take it, at its placement or another."""
+    """Return a pinocchio.GeometryObject for kernels, at its placement or another."""
     shape, place = item.geometry, item.placement if placement is None else placement
     shape.computeLocalAABB()
     ball = place.act(np.array(shape.aabb_center)), float(shape.aabb_radius)
@@ -540,7 +538,7 @@ def solid_of(item: Any, placement: Any = None) -> Solid:
 
 
 def _outline(shape: Any) -> tuple[int, Array, tuple[float, float, float]]:
-    """Return kind, points, array of shape (n_points, 3), and size of a shape; see `Solids`."""
+    """Return a shape's kind, points, and size; array, shape (n_points, 3). See `Solids`."""
     none = np.empty((0, 3))
     if isinstance(shape, coal.Sphere):
         return POINTS, np.zeros((1, 3)), (shape.radius, 0.0, 0.0)
@@ -558,9 +556,9 @@ def _outline(shape: Any) -> tuple[int, Array, tuple[float, float, float]]:
 
 
 def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]:
-    """Compute how deep two bodies are in each other.
+    """Compute the penetration depth of two bodies.
 
-    Of meshes coal tells that they meet, not how deep; so their hulls are taken.
+    Of meshes coal detects contact, not its depth; so their hulls are used.
 
     Parameters
     ----------
@@ -589,9 +587,7 @@ def distance_of(shapes: Sequence[Any], places: Sequence[Any]) -> float:
 
 
 def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
-    """Return whether a mesh may be replaced by its hull, which is nearer to everything if they differ slightly: by no
-    vertex, and by less than the share `missing` of its volume.
-    """
+    """Return whether a mesh may be replaced by its hull. They may differ by less than `missing` of its volume."""
     hull, volume = mesh.convex, mesh.convex.computeVolume()
     return mesh.num_vertices == hull.num_points and abs(mesh.computeVolume() - volume) < missing * volume
 
@@ -599,7 +595,7 @@ def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
 def _changes(
     robot: Robot, joint: Integers, reach: Array, ends: Integers, kind: Integers, moving: MovingObstacles
 ) -> Array:
-    """Bound how joints, then the load, then moving obstacles change distances; joints that move both bodies do not.
+    """Bound how joints, then payload, then moving obstacles change distances. Joints that move both bodies do not.
 
     Parameters
     ----------
@@ -640,7 +636,7 @@ class MovingObstacles:
     def among(
         cls, scene: Scene, items: Sequence[Any], first: int, hulls: Mapping[int, int]
     ) -> MovingObstacles:
-        """Return the obstacles of a scene that move, among bodies.
+        """Return the moving obstacles of a scene among bodies.
 
         Parameters
         ----------
@@ -670,7 +666,7 @@ class MovingObstacles:
         return part
 
     def placements(self, time: Array) -> tuple[Array, Array]:
-        """Compute where the bodies are at some instants, array of shape (n_steps,) [s].
+        """Compute the bodies' placements at instants, array of shape (n_steps,) [s].
 
         Returns
         -------
@@ -682,10 +678,7 @@ class MovingObstacles:
 
     @cached_property
     def speed(self) -> Ranges:
-        """Return upper bounds of the speed of a point of each moving obstacle [m/s].
-
-        Between kinks the speed of what does not turn is constant.
-        """
+        """Bound the speeds of moving obstacles' points from above [m/s]. Without rotation only kinks change them."""
         scene, own = self.scene, self.obstacle
         knots = np.unique([0.0, *scene.obstacle_kinks, scene.duration])
         middle = 0.5 * (knots[1:] + knots[:-1])  # rounding must not take the velocity before a kink

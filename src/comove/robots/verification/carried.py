@@ -1,18 +1,19 @@
-"""The verified motion of hands and load, the load as shapes of coal, and bounds of the errors of hands that hold it.
+"""The verified motion of a payload, and error bounds of its grasps.
 
-All of it comes from the verified curve and from the bounds by which it was verified. A rod of the load is a capsule,
-a solid a box or the hull of its corners, placed by the nodes that they span.
+All of it follows from the verified curve and its bounds. A rod of the payload is a capsule of coal, a solid a box or
+the hull of its corners, placed by the keypoints that they span.
 
-Let e be the difference between a grasp frame's position and its position in the motion of the hands. At instants t_i
-of a grid, e and e' are computed. Between two of them, h apart, e' stays within h^2/8 max|e'''| of its chord, so that
+Let e be the difference between a grasp frame's position and its position in the motion of the end effectors. At
+instants t_i of a grid, e and e' are computed. Between two of them, h apart, e' stays within h^2/8 max|e'''| of its
+chord, so that
 
     |e(t)| <= max |e(t_i)| + h/2 (max |e'(t_i)| + h^2/8 max|e'''|),
 
 and the angle between the orientations grows no faster than the difference of the angular velocities, to which the
-same applies. The third derivatives are bounded by those of the hands' motion plus those of the arm: every derivative
-of m-th order of a serial chain's position by its joints is a product z1 x (z2 x ... (zm x r)) of unit axes and a
-vector to the hand no longer than its reach L (1 where joints slide); with S1, S2, S3 the sums of the joints' |q'|,
-|q''|, |q'''|,
+same applies. The third derivatives are bounded by those of the end effectors' motion plus those of the arm: every
+derivative of m-th order of a serial chain's position by its joints is a product z1 x (z2 x ... (zm x r)) of unit axes
+and a vector to the end effector no longer than its reach L (1 where joints slide); with S1, S2, S3 the sums of the
+joints' |q'|, |q''|, |q'''|,
 
     |p'''| <= L (S3 + 3 S1 S2 + S1^3),     |omega''| <= S3 + 3 S1 S2 + S1^3.
 
@@ -46,18 +47,18 @@ from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
 
 class LoadMotion(Protocol):
-    """A load in motion, as the clearance is certified for it: `Carried`, or one that lies still."""
+    """A payload in motion, for the clearance certificate: `Carried`, or one at rest."""
 
     @property
     def bounds(self) -> Ranges:
-        """Return upper bounds of the nodes' speed [m/s] and acceleration [m/s^2]; of width 2."""
+        """Return bounds of keypoints' speed and acceleration [m/s, m/s^2], of width 2."""
 
     def nodes(self, time: Array) -> Array:
-        """Compute the positions of the nodes; array, shape (n_steps, n_nodes, 3) [m]."""
+        """Compute the positions of the keypoints; array, shape (n_steps, n_nodes, 3) [m]."""
 
 
 class HeldPlaces(NamedTuple):
-    """The places at which hands hold a load; rotations and spins are None where the scene has no grasp.
+    """The places where end effectors hold a payload. Rotations and spins are None without a grasp.
 
     Attributes
     ----------
@@ -74,7 +75,7 @@ class HeldPlaces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """A verified motion of hands and load in space, by time [s].
+    """A verified motion of end effectors and payload, by time [s].
 
     Attributes
     ----------
@@ -85,7 +86,7 @@ class Carried:
 
     @classmethod
     def straight(cls, scene: Scene) -> Carried:
-        """Return the straight motion on a scene, which has the ends and the load of all."""
+        """Return the straight motion on a scene, with the common ends."""
         return cls(CoordinatedMotion.straight(scene, load_coordinates(scene)))
 
     @cached_property
@@ -94,12 +95,12 @@ class Carried:
         return np.linspace(0.0, self.motion.scene.duration, N_INTERVALS + 1)
 
     def nodes(self, time: Array) -> Array:
-        """Compute the positions of the hands and of the load's corners; array, shape (n_steps, n_nodes, 3) [m]."""
+        """Compute the positions of the keypoints; array, shape (n_steps, n_nodes, 3) [m], end effectors first."""
         q, _, _ = self.motion.at(time / self.motion.scene.duration)
         return self.motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
 
     def hands(self, time: Array) -> HeldPlaces:
-        """Compute where the hands hold the load, at instants, array of shape (n_steps,) [s]."""
+        """Compute end effectors' places on the payload at instants, shape (n_steps,) [s]."""
         scene, (nodes, velocity, _) = self.motion.scene, self._motion(time)
         n_hands, grasp = len(scene.manipulators), scene.grasp
         found = HeldPlaces(nodes[:, :n_hands], velocity[:, :n_hands], None, None)
@@ -110,27 +111,27 @@ class Carried:
         return found._replace(rotations=grasp.hand_rotations(nodes), spins=spins)
 
     def _motion(self, time: Array) -> Array:
-        """Compute positions, velocities and accelerations of all nodes; array, shape (3, n_steps, n_nodes, 3)."""
+        """Compute positions, velocities and accelerations of all keypoints; array, shape (3, n_steps, n_nodes, 3)."""
         duration = self.motion.scene.duration
         motion = self.motion.coordinates.motion(self.motion.at(time / duration))
         return motion / np.array([1.0, duration, duration**2])[:, None, None, None]
 
     @cached_property
     def bounds(self) -> Ranges:
-        """Return upper bounds of the nodes' speed [m/s] and acceleration [m/s^2]; of width 2."""
+        """Return bounds of keypoints' speed and acceleration [m/s, m/s^2], of width 2."""
         duration = self.motion.scene.duration
         bounds = self._speeds / duration, self._bounds.acceleration / duration**2
         return Ranges(self.time, np.column_stack([bound.max(axis=1) for bound in bounds]))
 
     @cached_property
     def jerk(self) -> Ranges:
-        """Return upper bounds of the third derivative of every hand's position [m/s^3]."""
+        """Return bounds of the third derivative of end effectors' positions [m/s^3]."""
         n_hands = len(self.motion.scene.manipulators)
         return Ranges(self.time, self._bounds.jerk[:, :n_hands] / self.motion.scene.duration**3)
 
     @cached_property
     def swing(self) -> Ranges:
-        """Return upper bounds of the second derivative of the load's angular velocity [rad/s^3]; array of width 1.
+        """Bound the second derivative of the payload's angular velocity [rad/s^3]; array of width 1.
 
         Where it turns in any way, that of its coordinates; where it turns about the vertical, of its heading.
 
@@ -167,9 +168,7 @@ class Carried:
 
     @cached_property
     def _speeds(self) -> Array:
-        """Return upper bounds of the speed of every node between two knots, in unit duration; (n_intervals,
-        n_nodes).
-        """
+        """Bound every keypoint's speed between knots in unit duration; array, shape (n_intervals, n_nodes)."""
         speed = _sizes(self.knots[1])
         return np.maximum(speed[1:], speed[:-1]) + 0.5 / N_INTERVALS * self._bounds.acceleration
 
@@ -189,9 +188,7 @@ class LoadShape(NamedTuple):
 
 
 def load_shapes(carried: Carried, thin: float = 1e-6) -> list[LoadShape]:
-    """Return all shapes of the load, in the largest size that they have at any time; no rod is thinner than `thin`
-    [m].
-    """
+    """Return the payload's shapes in their largest sizes. No rod is thinner than `thin` [m]."""
     body, nodes = carried.motion.scene.body, carried.knots[0]
     shapes = []
     for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
@@ -208,13 +205,13 @@ def load_shapes(carried: Carried, thin: float = 1e-6) -> list[LoadShape]:
 
 
 def _hull(points: Array, nodes: Array, spanned: tuple[int, ...]) -> LoadShape:
-    """Return the hull of points, array of shape (n, 3), in the frame of the nodes that it spans."""
+    """Return the hull of points (n, 3) in the spanning keypoints' frame."""
     (turn,), (middle,) = placements(nodes, spanned)
     return LoadShape(hull_shape((points - middle) @ turn), spanned)
 
 
 def hull_shape(points: Array) -> Any:
-    """Return the hull of points, array of shape (n, 3) [m], as a shape of coal."""
+    """Return the hull of points (n, 3) [m] as a coal shape."""
     vertices = coal.StdVec_Vec3s()
     vertices.extend(list(points))
     return coal.Convex.convexHull(vertices, True, "Qt")
@@ -225,12 +222,12 @@ def _largest(nodes: Array, a: int, b: int) -> float:
 
 
 def placements(nodes: Array, spanned: tuple[int, ...]) -> tuple[Array, Array]:
-    """Compute orientations and centres of a shape from the positions of the nodes that it spans.
+    """Compute orientations and centres of a shape from its keypoints.
 
     Parameters
     ----------
     nodes : array, shape (n_steps, n_nodes, 3) [m]
-    spanned : nodes as in `LoadShape`
+    spanned : keypoints as in `LoadShape`
 
     Returns
     -------
@@ -251,10 +248,10 @@ def _unit(vectors: Array) -> Array:
 
 
 def leverage(carried: Carried) -> float:
-    """Return the largest ratio of the error of a corner of the load to the errors of its hands [m and rad].
+    """Return the largest ratio of payload to end-effector errors [m and rad].
 
-    Two hands, each with a position error e, turn the load by up to 2e over their distance; about the line between the
-    two, the load turns with the hands themselves.
+    Two end effectors, each with a position error e, turn the payload by up to 2e over their distance; about the line
+    between the two, the payload turns with the end effectors themselves.
     """
     scene = carried.motion.scene
     nodes = scene.nodes_at("start")
@@ -268,7 +265,7 @@ def leverage(carried: Carried) -> float:
 
 
 class Errors(NamedTuple):
-    """Errors of the hands relative to the places where they hold the load; lengths [m], angles [rad].
+    """Errors of the end effectors relative to their places on the payload. Lengths are in m, angles in rad.
 
     Attributes
     ----------
@@ -276,7 +273,7 @@ class Errors(NamedTuple):
     is_sample : array, shape (n_steps,), whether an instant is a sample of the joint motion
     position, turn : arrays, shape (n_steps, n_hands), errors on the grid; turn is 0 if no orientation is required
     position_bound, turn_bound : arrays, shape (n_steps - 1, n_hands), bounds between neighbouring instants
-    apart_bound : bound of the difference of two hands' position errors
+    apart_bound : bound of the difference of two end effectors' position errors
     hands : array, shape (n_steps, n_hands, 3), positions of the grasp frames
     """
 
@@ -299,10 +296,11 @@ def holding_errors(
     tight: float = 3e-6,
     finest: int = 100,
 ) -> Errors:
-    """Compare the grasp frames of `arms`, in the order of the hands, with the hands' motion.
+    """Compare the arms' grasp frames with the motion of the end effectors.
 
     Parameters
     ----------
+    arms : arms in the order of the end effectors
     curve : joint positions by time [s], cubic between samples
     tight : by which bounds between samples may exceed the errors [m and rad]
     finest : parts, at most, into which the time between two samples is divided for that
@@ -343,7 +341,7 @@ def holding_errors(
 
 
 def _between(error: Array, rate: Array, jerk: Array, half: Array) -> Array:
-    """Bound an error between instants 2 `half` apart, by its values and rates there and its third derivative."""
+    """Bound an error between instants 2 `half` apart. Values and rates are those at the instants."""
     rate = np.maximum(rate[1:], rate[:-1]) + 0.5 * half**2 * jerk
     return np.maximum(error[1:], error[:-1]) + half * rate
 
@@ -373,7 +371,7 @@ def _third_derivatives(
 
 
 def _grid(samples: Array, jerk: Array, tight: float, finest: int) -> tuple[Array, Integers]:
-    """Compute instants fine enough for bounds as `tight`, and the index of the sample interval of each piece."""
+    """Compute instants fine enough for bounds as `tight`; return pieces' sample intervals too."""
     parts = np.ceil(np.diff(samples) * np.cbrt(jerk / (16 * tight)))
     parts = np.clip(np.nan_to_num(parts, nan=finest, posinf=finest), 1, finest)
     return subdivided(samples, parts.astype(int))
@@ -382,9 +380,7 @@ def _grid(samples: Array, jerk: Array, tight: float, finest: int) -> tuple[Array
 def _grasp_frames(
     robot: Robot, arms: tuple[Arm, ...], positions: Array, rates: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
-    frame.
-    """
+    """Compute the grasp frames' positions, orientations, velocities and spins in the scene."""
     joints, grasps = zip(*map(robot.grasp_frame, arms), strict=True)
     return on_joints(
         joint_motions(robot, positions, rates),

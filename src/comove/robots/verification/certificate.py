@@ -5,27 +5,27 @@ Two bodies that are d apart at an instant are, at all times at most w before or 
     d - w sum_j max|q_j'| r_j
 
 apart, where r_j is the largest distance of the moved body from the axis of joint j (1 for a joint that slides), and
-only the joints between the two count; the load and obstacles that move add their own largest speeds. The balls about
+only the joints between the two count; the payload and moving obstacles add their own largest speeds. The balls about
 the bodies are tried first: where they are far enough apart, so are the bodies.
 
-Of convex bodies a second bound looks along one unit vector n, fixed in the frame that both share: the scene's, or
-that of the last joint that moves both. The distance of two points along n is a function of time whose second
+Of convex bodies a second bound is computed along one unit vector n, fixed in the frame that both share: the scene's,
+or that of the last joint that moves both. The distance of two points along n is a function of time whose second
 derivative is bounded; so between two instants, h apart, it is above its chord less h^2/8 times that bound. At the
-instants it is at least the width of the slab that parts the bodies, which follows from their support functions. So
+instants it is at least the width of the slab that separates the bodies, by their support functions. So
 
     d >= min slab(t_i, n) - h^2/8 max|p''|
 
-holds whatever n is. It comes from the interval before, or from GJK (see `slabs`). With r_j as above the second
+holds for any n. It comes from the interval before, or from GJK (see `slabs`). With r_j as above the second
 derivative is at most
 
     sum r_j |q_j''| + 2 sum |q_j'| sum r_j |q_j'|,
 
-as that of a position by two joints is no longer than the reach r_j of the one nearer to the body. The load adds the
-largest acceleration of its nodes, and obstacles that move add h/2 times their speed. So a hand that glides over a
-table comes no nearer to it, however fast it is.
+as that of a position by two joints is no longer than the reach r_j of the one nearer to the body. The payload adds
+the largest acceleration of its keypoints, and moving obstacles add h/2 times their speed. So an end effector that
+glides over a table comes no nearer to it, however fast it is.
 
 Where both bounds are too small, the time interval is divided into four, for those pairs only. Coal computes the
-distances of bodies that are not convex, and of those that are in each other. Meshes are looked at by their convex
+distances of bodies that are not convex, and of those that penetrate each other. Meshes are checked by their convex
 hulls first, and themselves only where hulls are too near, as that takes a thousand times as long.
 """
 
@@ -61,16 +61,16 @@ from comove.robots.verification.slabs import (
 
 @dataclass(frozen=True)
 class JointCertificateSettings:
-    """Settings of the certificate's resolution; every bound is sound with any of them.
+    """Settings of the certificate's resolution. Every bound is sound with any of them.
 
     Attributes
     ----------
-    parts : intervals in which the motion is looked at first
+    parts : intervals of the motion that are checked first
     deepest : levels, each of which divides the intervals of the level before into four, at most
     tight : how far a bound may stay below the clearance [m]
     loose : likewise where the clearance is too small anyway [m]
-    most : cells that balls do not decide, at most; a bound that needs more stays as it stands, sound but lower
-    few : cells of each kind with the nearest bodies, which are looked at first, as they may spare others
+    most : cells that balls do not decide, at most; a bound that needs more stays as it is, sound but lower
+    few : cells of each kind with the nearest bodies, which are checked first, as they may spare others
     """
 
     parts: int = 16
@@ -90,7 +90,7 @@ class JointCertificateSettings:
 
 
 class LinkClearance(NamedTuple):
-    """Bounds of the clearance of one kind of pairs, as the certificate gives them.
+    """Certified bounds of the clearance of one kind of pairs.
 
     Attributes
     ----------
@@ -112,12 +112,12 @@ class LinkClearance(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CarryCourse:
-    """The joints of a robot, the load and obstacles by time.
+    """The joints of a robot, the payload and obstacles by time.
 
     Attributes
     ----------
     bodies : bodies of robot, obstacles and payload
-    load : the load, in motion or at rest
+    load : the payload, in motion or at rest
     curve : joint positions by time [s], cubic between samples
     """
 
@@ -127,7 +127,7 @@ class CarryCourse:
 
     @cached_property
     def bounds(self) -> Ranges:
-        """Return the largest rates of the joints, then their largest second derivatives, [rad/s] and [rad/s^2]."""
+        """Return the joints' largest rates, then second derivatives [rad/s, rad/s^2]."""
         bend = np.abs(self.curve(self.curve.x, 2))
         return Ranges(self.curve.x, np.hstack([fastest(self.curve)[0], np.maximum(bend[1:], bend[:-1])]))
 
@@ -141,9 +141,7 @@ class CarryCourse:
         return frames(self.bodies, self.curve(time), self.load.nodes(time), time)
 
     def intervals(self, number: Integers, parts: int) -> tuple[Intervals, Array]:
-        """Return intervals of the motion, divided into `parts`, by number, and the instants at their ends and
-        middles; arrays, shape (n_intervals,) and (n_instants,) [s].
-        """
+        """Return intervals by `number`, (n_intervals,), with ends and middles, (n_instants,) [s]."""
         last, knots = float(self.curve.x[-1]), 2 * number[:, None] + np.arange(3)
         knots, knot = np.unique(knots, return_inverse=True)
         time = last * knots / (2 * parts)
@@ -164,12 +162,12 @@ class CarryCourse:
 
 
 def frames(bodies: Bodies, q: Array, nodes: Array, time: Array) -> tuple[Array, Array]:
-    """Compute the placements of all frames at instants, array of shape (n_steps,) [s].
+    """Compute the placements of all frames at instants, shape (n_steps,) [s].
 
     Parameters
     ----------
     q : array, shape (n_steps, n_joints) [rad, m for joints that slide]
-    nodes : array, shape (n_steps, n_nodes, 3), nodes of the load [m]
+    nodes : array, shape (n_steps, n_nodes, 3), keypoints of the payload [m]
 
     Returns
     -------
@@ -201,9 +199,7 @@ class PairCells(NamedTuple):
 
     @classmethod
     def first(cls, bodies: Bodies, parts: int) -> PairCells:
-        """Return the cells of all pairs in the first intervals, of rough pairs where there are such; one cell for
-        pairs that never move.
-        """
+        """Return the first intervals' cells of all pairs, rough ones preferred. Immovable pairs have one."""
         rough = bodies.exact != np.arange(len(bodies.exact))
         begun = np.ones(len(rough), dtype=bool)
         begun[bodies.exact[rough]] = False
@@ -232,10 +228,9 @@ def certify(
     Parameters
     ----------
     curve : joint positions by time [s], cubic between samples
-    slack : share of the clearance beyond the required one that bounds may give away. With any, whether all pairs keep
-        what is required is certified as ever, but bounds are loose where there is room, and nothing more is computed
-        once a pair is known to violate it. With all of it, no clearance is computed that need not be: convex hulls
-        suffice where they keep what is required
+    slack : share of the clearance beyond the required one that bounds may lose. With any, the required clearance is
+        certified as before, but bounds are loose where it is exceeded, and computation ends once a pair violates it.
+        With all of it, no unnecessary clearance is computed: convex hulls suffice where they keep the required one
     """
     need = BoundTargets.none(bodies.required, slack, settings.tight, settings.loose)
     course, cells, parts = (
@@ -274,13 +269,13 @@ def certify(
 
 
 def are_clear(bodies: Bodies, q: Array, nodes: Array, time: float) -> bool:
-    """Return whether all pairs that joints move keep the required clearance at an instant.
+    """Return whether pairs that joints move keep clear at an instant.
 
     Parameters
     ----------
     q : array, shape (n_joints,) [rad, m for joints that slide]
-    nodes : array, shape (n_nodes, 3), nodes of the load [m]
-    time : the instant, which tells where obstacles are that move [s]
+    nodes : array, shape (n_nodes, 3), keypoints of the payload [m]
+    time : the instant, which places moving obstacles [s]
     """
     cells, still = PairCells.first(bodies, 1), np.zeros((1, bodies.reach.shape[1]))
     moved = bodies.joint_reach[cells.pair].any(axis=1)
@@ -315,7 +310,7 @@ class Level:
     need: BoundTargets
 
     def begin(self, few: int) -> None:
-        """Compute the distances of the `few` cells of each kind whose balls are nearest to each other."""
+        """Compute the distances of each kind's nearest `few` cells. Balls determine which."""
         bodies, pair = self.bodies, self.cells.pair
         apart, kinds = (
             distances_of_balls(bodies.solids, bodies.pairs, self.at, self.row, pair),
@@ -330,7 +325,7 @@ class Level:
                 self.measure(row[k], exact[k])
 
     def measure(self, row: int, pair: int) -> float:
-        """Compute the distance of a pair's bodies in the middle of an interval by coal, less what is taken [m]."""
+        """Compute a pair's distance at an interval's middle by coal [m]. Possible errors are subtracted."""
         knot, bodies = int(self.at.knot[row, 1]), self.bodies
         placed = _placed(bodies, pair, self.at.turns[knot], self.at.places[knot])
         distance = distance_of(*placed) - float(bodies.taken[pair])
@@ -338,9 +333,9 @@ class Level:
         return distance
 
     def bounds(self) -> tuple[Array, int]:
-        """Bound the distances of all cells, array of shape (n_cells,) [m], and count those that balls left open.
+        """Bound all cells' distances, shape (n_cells,) [m]; count those decided beyond balls.
 
-        Of those that are left to coal the nearest come first: what is found there may spare the rest.
+        Of those left to coal the nearest come first: their results may spare the rest.
         """
         bodies, pair, need = self.bodies, self.cells.pair, self.need
         state, bound = np.empty(len(pair), dtype=np.int64), np.empty(len(pair))
@@ -358,7 +353,7 @@ class Level:
 
 
 def _placed(bodies: Bodies, pair: int, turns: Array, places: Array) -> tuple[list[Any], list[Any]]:
-    """Return the shapes of a pair's bodies, by coal, and their placements, as Pinocchio's SE3."""
+    """Return the coal shapes of a pair and their placements, as SE3."""
     shapes, placed = [], []
     for body in bodies.ends[pair].tolist():
         frame, item = bodies.frame[body], bodies.bodies[body].item
@@ -373,7 +368,7 @@ def _placed(bodies: Bodies, pair: int, turns: Array, places: Array) -> tuple[lis
 
 
 def overlap(bodies: Bodies, load: LoadMotion, curve: PPoly, found: LinkClearance) -> tuple[float, bool]:
-    """Compute how deep the bodies of a pair are in each other where they are found to meet; see `depth_of`.
+    """Compute the penetration depth of a pair at contact. See `depth_of`.
 
     Parameters
     ----------

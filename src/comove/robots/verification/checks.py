@@ -42,7 +42,7 @@ POINT = 1e-6  # m, radius of a ball that stands for a point
 
 
 class JointFinding(NamedTuple):
-    """The result of one check: measures of the report, where they occur, and reasons against the motion."""
+    """The result of one check: measures, their places, and reasons against the motion."""
 
     measures: dict[str, float]
     where: dict[str, tuple[str, float]]
@@ -50,7 +50,7 @@ class JointFinding(NamedTuple):
 
 
 def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
-    """Return the reasons why this robot cannot carry out any motion on the scene."""
+    """Return the reasons why this robot cannot execute any motion."""
     if scene.n_dims != 3:
         return ["the scene is planar, and a robot moves in space; give the scene three coordinates"]
     reasons = []
@@ -65,7 +65,7 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
 
 
 def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | None:
-    """Return the link at rest and the moving obstacle that come too near to each other, how near [m], and when [s].
+    """Return a link at rest and the moving obstacle it meets. Their distance [m] and the time [s] follow.
 
     Links at rest are those that no arm of the scene's manipulators moves; None where all keep clear.
     """
@@ -85,7 +85,7 @@ def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | Non
 
 
 def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
-    """Return the reasons why the samples are not a motion of this robot in the duration of the scene."""
+    """Return the reasons why samples are no motion of this robot. The duration is the scene's."""
     if tuple(joints.joint_names) != robot.joint_names:
         return [
             f"the motion moves {', '.join(map(str, joints.joint_names))}, the robot '{robot.name}' has "
@@ -127,7 +127,7 @@ def rest(robot: Robot, curve: PPoly) -> JointFinding:
 
 
 def limits(robot: Robot, curve: PPoly) -> JointFinding:
-    """Check that positions, velocities, accelerations and jerks keep their limits, soft ones included."""
+    """Check the limits of position, velocity, acceleration and jerk, soft ones included."""
     margin = least_margin(curve, robot.lower, robot.upper)
     units, reasons = _units(robot), []
     if not margin.value >= 0:
@@ -206,7 +206,7 @@ def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) ->
 
 
 def payload(scene: Scene, arms: tuple[Arm, ...]) -> JointFinding:
-    """Check that arms are rated for what they carry."""
+    """Check that arms are rated for their payloads."""
     if scene.file.load is None or np.isinf([arm.payload for arm in arms]).all():
         return JointFinding({}, {}, [])
     ratios = payloads(scene, arms)
@@ -229,7 +229,7 @@ def _units(robot: Robot) -> list[str]:
 
 
 def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
-    """Check that the hands are where they hold the load."""
+    """Check that the end effectors are at their places on the payload."""
     names, finding = motion.motion.scene.manipulators, JointFinding({}, {}, [])
     for name, how, grid, bound in (
         ("hand_error", "off the load by {:.3g} m", errors.position, errors.position_bound),
@@ -255,7 +255,7 @@ def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
 
 
 def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
-    """Check that the load keeps clear of the scene wherever the bases may stand."""
+    """Check that the payload keeps clear for any admissible base places."""
     off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
     clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
     if off > 0 and near is not None and not near - off >= -2 * TOLERANCE:
@@ -272,7 +272,7 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
 
 
 def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> JointFinding:
-    """Check that links, load and obstacles keep clear of each other; `slack` as in `certify`."""
+    """Check that links, payload and obstacles keep clear of each other; `slack` as in `certify`."""
     finding = JointFinding({}, {}, [])
     finding.reasons.extend(links_inside(bodies, curve(curve.x[0])))
     names = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
@@ -299,7 +299,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
 
 
 def _how_near(bodies: Bodies, carried: LoadMotion, curve: PPoly, found: LinkClearance) -> str:
-    """Return how near two bodies come, in words; of meshes, coal tells only that they meet: not how deep."""
+    """Return the distance or contact of two bodies, in words. For meshes, coal computes no depth."""
     distance = found.upper + float(bodies.taken[found.pair])
     if found.upper > 0.0:
         return f"come within {found.upper:.3g} m of each other"
@@ -320,11 +320,11 @@ def _contact(pair: str, how: str, required: float, time: float, kind: int) -> st
 
 @lru_cache(maxsize=8)
 def without_gripper(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the arms whose models have no gripper where they hold the payload.
+    """Return the names of the arms whose models have no gripper.
 
-    An arm has one if a body that moves with its hand is within `GRIPPER_NEAR` of its grasp frame, and belongs to
-    a finger or to the gripper of the description, reaches beyond the grasp frame along the approach, or is not that
-    of the arm's last link, which ends before. So a bare flange is none, nor is a grasp frame in the air.
+    An arm has one if a body that moves with its end effector is within `GRIPPER_NEAR` of its grasp frame, and belongs
+    to a finger or to the gripper of the description, reaches beyond the grasp frame along the approach, or is not
+    that of the arm's last link, which ends before. So a bare flange is none, nor is a grasp frame in the air.
     """
     return tuple(arm.name for arm in robot.arms if not _has_gripper(robot, arm))
 
@@ -353,7 +353,7 @@ def _has_gripper(robot: Robot, arm: Arm) -> bool:
 
 
 def _is_finger(robot: Robot, link: str, last: str) -> bool:
-    """Return whether a joint that could move is between a link and the last one of its arm."""
+    """Return whether a movable joint separates a link from its arm's last."""
     while link != last:
         _, link, moves = robot.joints_above[link]
         if moves:

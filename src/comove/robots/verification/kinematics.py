@@ -1,11 +1,11 @@
-"""Kinematics and dynamics of a robot at many configurations at once, and bounds of how far its joints move it.
+"""Batched kinematics and dynamics of a robot, and bounds of its reach.
 
 Pinocchio computes one configuration a call, and reading a result costs more than computing it. The kernels here take
 thousands a call, with the axes and placements of Pinocchio's model; tests compare both.
 
 A joint moves a point at most at its rate times the point's distance from its axis. Bounds of this distance are sums
-of lengths along the chain, so they hold for all joint positions within the limits. So do bounds of how far the
-tolerance of a base's place moves a point.
+of lengths along the chain, so they hold for all joint positions within the limits. So do bounds of a point's
+displacement by the tolerance of a base's place.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ from comove.robots.model import Arm, Robot
 
 
 def joint_axes(model: Any) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the joints' axes in their own frames, shape (n_joints, 3), and whether joints are prismatic, shape
-    (n_joints,).
-    """
+    """Return joints' own axes, (n_joints, 3), and whether joints are prismatic, (n_joints,)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     columns = [
@@ -41,7 +39,7 @@ def joint_axes(model: Any) -> tuple[Array, NDArray[np.bool_]]:
 
 
 class Reaches:
-    """Computes bounds of the distances between the axes of a robot's joints and the bodies that they move."""
+    """Bounds of the distances between joint axes and moved bodies."""
 
     def __init__(self, robot: Robot):
         self.robot = robot
@@ -50,11 +48,11 @@ class Reaches:
         self._known: dict[tuple[int, bytes, float], tuple[Array, Array, float]] = {}
 
     def of_ball(self, joint: int, point: Array, radius: float) -> tuple[Array, Array, float]:
-        """Bound the distances of a ball from the axes of all joints that move it.
+        """Bound the distances of a ball from its joints' axes.
 
         Parameters
         ----------
-        joint : number of the joint that carries the ball, 0 if no joint moves it
+        joint : number of the joint that moves the ball, 0 if no joint moves it
         point : array, shape (3,), centre of the ball in the joint's frame (for joint 0 in the scene's) [m]
         radius : radius of the ball [m]
 
@@ -91,20 +89,20 @@ class Reaches:
         return reach, point, length
 
     def of_hand(self, arm: Arm) -> tuple[Array, Array, float]:
-        """Bound the distances of an arm's grasp from the axes, as `of_ball` does."""
+        """Bound the distances of an arm's grasp from its joints' axes. See `of_ball`."""
         joint, grasp = self.robot.grasp_frame(arm)
         return self.of_ball(joint, grasp.translation, 0.0)
 
 
 @lru_cache(maxsize=8)
 def reaches_of(robot: Robot) -> Reaches:
-    """Return the reaches of a robot's joints, which all verifications share."""
+    """Return the reaches of a robot's joints, shared by all verifications."""
     return Reaches(robot)
 
 
 @lru_cache(maxsize=8)
 def _bases_by_name(robot: Robot) -> dict[str, int]:
-    """Return the numbers of the models by the names of their links and joints; empty where there is one model."""
+    """Return models' numbers by link and joint names, empty for one model."""
     if len(robot.sources) == 1:
         return {}
     return {
@@ -129,15 +127,14 @@ class Bases:
 
     @property
     def numbers(self) -> dict[str, int]:
-        """Return, by name of link or joint, the number of the model whose base it is on; empty where there is one
-        base only.
-        """
+        """Return bases' numbers by link or joint name, empty for one base."""
         return _bases_by_name(self.robot)
 
     def pulls(self, base: Integers, root: Array, length: Array | float) -> Array:
-        """Bound the displacements, by the tolerance of a base, of points at most `length` from a point `root` [m].
+        """Bound the displacements of points due to a base's tolerance [m].
 
-        Turning about its origin by an angle a moves a point at the distance r by at most a r.
+        Points are at most `length` from a point `root`. Turning about its origin by an angle a moves a point at the
+        distance r by at most a r.
 
         Parameters
         ----------
@@ -151,11 +148,11 @@ class Bases:
         )
 
     def of_hand(self, arm: Arm, places: Array) -> tuple[int, float]:
-        """Return the base of an arm, and the largest error of its hand due to that base [m].
+        """Return an arm's base, and its effect on the end effector [m].
 
         Parameters
         ----------
-        places : array, shape (n_steps, 3), positions of the hand [m]
+        places : array, shape (n_steps, 3), positions of the end effector [m]
         """
         joint, _ = self.robot.grasp_frame(arm)
         base = self.numbers.get(self.robot.model.names[joint], 0)
@@ -163,14 +160,14 @@ class Bases:
 
 
 class JointTree(NamedTuple):
-    """Joints of a model as kernels take them, the universe first.
+    """Joints of a model for kernels, the universe first.
 
     Attributes
     ----------
     parents : array, shape (n_joints + 1,)
     columns : array, shape (n_joints + 1,), column of each joint, -1 for the universe
     turn, shift : arrays, shape (n_joints + 1, 3, 3) and (n_joints + 1, 3), of each joint in the one before it [m]
-    sine, versine : arrays, shape (n_joints + 1, 3, 3), what the sine, and one less the cosine, of a joint add to
+    sine, versine : arrays, shape (n_joints + 1, 3, 3), additions of the sine, and one less the cosine, of a joint to
         `turn`; zeros for joints that slide
     axis, own : arrays, shape (n_joints + 1, 3), axes in the frames before the joints, and in the joints' own
     slides : array, shape (n_joints + 1,)
@@ -189,7 +186,7 @@ class JointTree(NamedTuple):
 
 @lru_cache(maxsize=8)
 def tree_of(robot: Robot) -> JointTree:
-    """Return the joints of a robot as kernels take them."""
+    """Return the joints of a robot for kernels."""
     model: Any = robot.model
     reaches = reaches_of(robot)
     columns = np.array([-1, *model.idx_vs[1:]], dtype=np.int64)
@@ -214,9 +211,7 @@ def tree_of(robot: Robot) -> JointTree:
 
 @lru_cache(maxsize=8)
 def moved_by(robot: Robot) -> NDArray[np.bool_]:
-    """Return whether the joint of a column moves what is on a joint; array, shape (n_joints + 1, n_joints), the
-    universe first.
-    """
+    """Return whether joints move bodies on joints; array, shape (n_joints + 1, n_joints), the universe first."""
     tree = tree_of(robot)
     moves = np.zeros((len(tree.parents), robot.model.nv), dtype=bool)
     for joint in range(1, len(moves)):
@@ -226,7 +221,7 @@ def moved_by(robot: Robot) -> NDArray[np.bool_]:
 
 
 def common_joints(robot: Robot, first: Integers, second: Integers) -> Integers:
-    """Return the last joints that move what is on either of two joints, 0 where none does; arrays, shape (n,)."""
+    """Return the last joints that move bodies of both joints, 0 without; arrays, shape (n,)."""
     moves, supports = moved_by(robot), robot.model.supports
     depth = max(map(len, supports))
     above = np.array(
@@ -250,7 +245,7 @@ def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
 
 
 def joint_motions(robot: Robot, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
-    """Compute placements and velocities of all joints, the universe first, in the scene's frame.
+    """Compute placements and velocities of all joints in the scene's frame. The universe is first.
 
     Parameters
     ----------
@@ -267,7 +262,7 @@ def joint_motions(robot: Robot, q: Array, rates: Array) -> tuple[Array, Array, A
 
 @kernel
 def _place_joint(tree: JointTree, j: int, value: float, turn: Array, arm: Array) -> None:
-    """Write the orientation and the place, arrays of shape (3, 3) and (3,), of a joint in the frame before it."""
+    """Write a joint's orientation and place in the frame before. Arrays, shapes (3, 3) and (3,)."""
     sine, versine = np.sin(value), 1.0 - np.cos(value)
     slid, rest, by_sine, by_versine = (
         value if tree.slides[j] else 0.0,
@@ -283,7 +278,7 @@ def _place_joint(tree: JointTree, j: int, value: float, turn: Array, arm: Array)
 
 @kernel
 def _moved(tree: JointTree, q: Array, rates: Array) -> tuple[Array, Array, Array, Array]:
-    """Return what `joint_motions` does."""
+    """Compute `joint_motions` in a kernel."""
     n_steps, n_rates, n_frames = q.shape[0], rates.shape[0], tree.parents.shape[0]
     turns, places = np.empty((n_steps, n_frames, 3, 3)), np.zeros((n_steps, n_frames, 3))
     velocities, spins = np.zeros((n_rates, n_frames, 3)), np.zeros((n_rates, n_frames, 3))
@@ -316,7 +311,7 @@ def _moved(tree: JointTree, q: Array, rates: Array) -> tuple[Array, Array, Array
 
 @kernel
 def _turned(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a vector that is turned, R v."""
+    """Return R v."""
     return (
         turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
         turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
@@ -328,12 +323,12 @@ def _turned(turn: Array, x: float, y: float, z: float) -> tuple[float, float, fl
 def on_joints(
     motions: tuple[Array, Array, Array, Array], joint: Integers, turn: Array, shift: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Compute the motions of frames that are fixed to joints, in the scene's frame.
+    """Compute the motions of frames fixed to joints, in the scene's frame.
 
     Parameters
     ----------
     motions : of all joints, as `joint_motions` returns them
-    joint : array, shape (n,), number of the joint that carries each frame
+    joint : array, shape (n,), number of the joint that moves each frame
     turn, shift : arrays, shape (n, 3, 3) and (n, 3), placements of the frames in those of the joints [m]
 
     Returns
@@ -365,7 +360,7 @@ def on_joints(
 
 
 class Inertias(NamedTuple):
-    """Masses that joints move, as kernels take them, and gravity.
+    """Masses that joints move, for kernels, and gravity.
 
     Attributes
     ----------
@@ -396,7 +391,7 @@ class Inertias(NamedTuple):
 
 
 def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
-    """Compute what moves the joints, by recursive Newton-Euler (Luh, Walker & Paul, 1980).
+    """Compute the joints' torques by recursive Newton-Euler (Luh, Walker & Paul, 1980).
 
     Parameters
     ----------
@@ -411,7 +406,7 @@ def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, b
 
 @kernel
 def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
-    """Return what `inverse_dynamics` does; all vectors are in the frames of their joints."""
+    """Compute `inverse_dynamics` in a kernel. All vectors are in the frames of their joints."""
     n_frames, result = tree.parents.shape[0], np.empty(q.shape)
     turn, arm = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3))
     spin, swing, pull = np.zeros((n_frames, 3)), np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
@@ -476,7 +471,7 @@ def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: 
 
 @kernel
 def _seen(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a vector in a frame that is turned, R^T v."""
+    """Return R^T v."""
     return (
         turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z,
         turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z,

@@ -1,8 +1,8 @@
-"""Kernels that bound the distances of convex bodies during time intervals, by balls and by slabs.
+"""Kernels for interval bounds of convex bodies' distances, by balls and slabs.
 
-A slab between two convex bodies, perpendicular to a unit vector n, is as wide as their support functions say, and
-their distance is at least its width. The bound holds for every direction. Directions come from the interval before,
-or from GJK (Gilbert, Johnson & Keerthi, 1988), which also tells the distance.
+A slab between two convex bodies, perpendicular to a unit vector n, is as wide as their support functions determine,
+and their distance is at least its width. The bound holds for every direction. Directions come from the interval
+before, or from GJK (Gilbert, Johnson & Keerthi, 1988), which also computes the distance.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ class Solid(NamedTuple):
 
 
 class Solids(NamedTuple):
-    """Bodies as kernels take them, each in a frame that moves: of a joint, of the load, of a moving obstacle.
+    """Bodies for kernels, each in a moving frame. The frame is that of a joint, the payload, or an obstacle.
 
     Attributes
     ----------
     frame : array, shape (n_bodies,), number of each body's frame
-    kind : array, shape (n_bodies,), POINTS, CYLINDER, ELLIPSOID, or OTHER for what is not convex
+    kind : array, shape (n_bodies,), POINTS, CYLINDER, ELLIPSOID, or OTHER for non-convex ones
     first : array, shape (n_bodies + 1,), number of each body's first point
     points : array, shape (3, n_points), points in the bodies' frames [m]
     size : array, shape (n_bodies, 3), radius about points; radius and half the height; or radii [m]
@@ -125,8 +125,8 @@ class Intervals(NamedTuple):
     ----------
     knot : array, shape (n_intervals, 3), numbers of the instants at begin, middle and end
     turns, places : arrays, shape (n_instants, n_frames, 3, 3) and (n_instants, n_frames, 3) [m]
-    rates : array, shape (n_intervals, n_joints + 1 + n_moving), largest rates of joints, load, and obstacles
-    bends : array, shape (n_intervals, n_joints + 1), largest second derivatives of joints and load
+    rates : array, shape (n_intervals, n_joints + 1 + n_moving), largest rates of joints, payload, and obstacles
+    bends : array, shape (n_intervals, n_joints + 1), largest second derivatives of joints and payload
     half : half of their length [s]
     """
 
@@ -144,7 +144,7 @@ class BoundTargets(NamedTuple):
     Attributes
     ----------
     required : array, shape (3,), required clearance of each kind [m]
-    upper : array, shape (3,), least clearance computed so far, less what is taken [m]; infinite where none was
+    upper : array, shape (3,), least clearance computed so far, less possible errors [m]; infinite where none was
     pair, knot : arrays, shape (3,), the pair and the instant that have it
     slack, tight, loose : see `certify` and `JointCertificateSettings`
     """
@@ -159,14 +159,14 @@ class BoundTargets(NamedTuple):
 
     @classmethod
     def none(cls, required: Array, slack: float, tight: float, loose: float) -> BoundTargets:
-        """Return what suffices while no distance is computed."""
+        """Return the sufficient bounds before any distance is computed."""
         nowhere = np.full(3, -1, dtype=np.int64), np.zeros(3, dtype=np.int64)
         return cls(required, np.full(3, np.inf), *nowhere, slack, tight, loose)
 
 
 @kernel
 def note(need: BoundTargets, kind: int, pair: int, knot: int, distance: float) -> None:
-    """Keep a distance, less what is taken [m], if it is the least of its kind."""
+    """Keep a kind's least distance [m]. Possible errors are subtracted."""
     if distance < need.upper[kind]:
         need.upper[kind], need.pair[kind], need.knot[kind] = distance, pair, knot
 
@@ -205,7 +205,7 @@ def ball_centers(solids: Solids, turns: Array, places: Array) -> Array:
 
 @kernel
 def of_balls(centers: Array, solids: Solids, pairs: Pairs, knot: int, pair: int) -> float:
-    """Return the distance of the balls about two bodies at an instant, less what is taken [m]."""
+    """Return the distance of two bodies' balls at an instant [m]. Possible errors are subtracted."""
     a, b = pairs.ends[pair, 0], pairs.ends[pair, 1]
     p, q = centers[knot, a], centers[knot, b]
     square = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
@@ -242,7 +242,7 @@ def changes(pairs: Pairs, at: Intervals, row: Integers, pair: Integers) -> Array
 
 @kernel
 def _bulge(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
-    """Bound how far below its chords over half an interval a distance along one direction may be [m]."""
+    """Bound a directed distance's bulge below its chords over half intervals [m]."""
     n_joints = pairs.between.shape[1]
     bend, speed, sweep, by_obstacles = 0.0, 0.0, 0.0, 0.0
     for j in range(n_joints):
@@ -260,7 +260,7 @@ def _bulge(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
 
 @kernel
 def _most(points: Array, first: int, last: int, x: float, y: float, z: float) -> float:
-    """Return how far points reach along a vector."""
+    """Return the largest extent of points along a vector."""
     most = -1e300
     for i in range(first, last):
         most = max(most, x * points[0, i] + y * points[1, i] + z * points[2, i])
@@ -279,10 +279,10 @@ def _reach(
     how: int,
     core: Array,
 ) -> float:
-    """Return how far a body reaches along the unit vector (x, y, z), from the scene's origin [m].
+    """Return a body's support along the unit vector (x, y, z) [m].
 
-    `how` says ROUGH for a bound by the box about its points, FINE, or CORE to write the point that is that far, less
-    the radius about points, in `core`.
+    It is measured from the scene's origin. `how` is ROUGH for a bound by the box about its points, FINE, or CORE to
+    write the support point, less the radius about points, in `core`.
     """
     frame, kind, size = solids.frame[body], solids.kind[body], solids.size[body]
     turn, place = turns[frame], places[frame]
@@ -334,9 +334,9 @@ def _placed(turn: Array, place: Array, x: float, y: float, z: float, point: Arra
 
 @kernel
 def apart(solids: Solids, a: int, b: int, turns: Array, places: Array, normal: Array) -> tuple[float, float]:
-    """Return the width of the widest slab found between two bodies, and their distance, by GJK [m].
+    """Return the widest slab found between bodies, and their GJK distance [m].
 
-    `normal` is tried first, and becomes that of the slab; the distance is -inf where cores are in each other.
+    `normal` is tried first, and becomes that of the slab; the distance is -inf where cores penetrate each other.
     """
     corners, weights, p, q = np.empty((4, 3)), np.empty(4), np.empty(3), np.empty(3)
     radius = 0.0
@@ -381,8 +381,9 @@ def apart(solids: Solids, a: int, b: int, turns: Array, places: Array, normal: A
 def _along(
     solids: Solids, pairs: Pairs, at: Intervals, row: int, pair: int, normal: Array, how: int
 ) -> float:
-    """Return the width of the narrowest slab along a vector, in the frame that both bodies share, at three
-    instants [m]; `how` as in `_reach`.
+    """Return the narrowest slab's width [m] along a vector at three instants; `how` as in `_reach`.
+
+    The vector is in the frame that both bodies share.
     """
     a, b, common, least = pairs.ends[pair, 0], pairs.ends[pair, 1], pairs.common[pair], np.inf
     for k in range(3):
@@ -401,7 +402,7 @@ def _along(
 def measured(
     solids: Solids, pairs: Pairs, at: Intervals, row: int, pair: int, normal: Array, need: BoundTargets
 ) -> tuple[float, float]:
-    """Return what `apart` does, in the middle of an interval; the distance, less what is taken, is noted.
+    """Compute `apart` in the middle of an interval, and note the distance. Possible errors are subtracted.
 
     `normal` is in the frame that both bodies share.
     """
@@ -420,7 +421,7 @@ def measured(
 
 @kernel
 def begin_normal(centers: Array, pairs: Pairs, at: Intervals, row: int, pair: int, normal: Array) -> None:
-    """Write the direction between the centres of two bodies' balls, in the frame that they share."""
+    """Write the direction between the centres of two bodies' balls. It is in the frame that they share."""
     knot = at.knot[row, 1]
     p, q = centers[knot, pairs.ends[pair, 0]], centers[knot, pairs.ends[pair, 1]]
     length = sqrt((q[0] - p[0]) ** 2 + (q[1] - p[1]) ** 2 + (q[2] - p[2]) ** 2)
@@ -438,7 +439,7 @@ def begin_normal(centers: Array, pairs: Pairs, at: Intervals, row: int, pair: in
 def measure_cells(
     solids: Solids, pairs: Pairs, at: Intervals, row: Integers, pair: Integers, need: BoundTargets
 ) -> NDArray[np.bool_]:
-    """Note the distances of convex bodies; returns which cells are left to coal, array of shape (n_cells,)."""
+    """Note the distances of convex bodies; return which cells are left to coal, shape (n_cells,)."""
     centers, left, normal = (
         ball_centers(solids, at.turns, at.places),
         np.ones(row.shape[0], dtype=np.bool_),
@@ -471,7 +472,7 @@ def bound_cells(
     row, pair : arrays, shape (n_cells,), interval and pair of each cell, all of a pair one after the other
     normals : array, shape (n_cells, 3), directions to be tried, zeros for that of the cell before; those that were
         tried last are written there, in the frames that pairs share
-    state : array, shape (n_cells,), what became of each cell is written there
+    state : array, shape (n_cells,), the result of each cell, written
     bound : array, shape (n_cells,), written [m]
     """
     centers, before = ball_centers(solids, at.turns, at.places), -1

@@ -2,16 +2,16 @@
 
 It shares no code with the search: models are Pinocchio's, shapes coal's, and kernels of its own compute the rest.
 
-====================== =================================================================================
-what                   how it is known
-====================== =================================================================================
-limits of joints       exact at every instant: extremes of the cubics between samples
-torques                sampled at 200 Hz, with a margin for between (see `effort`)
-payloads               what each arm holds up in balance, and its hand, against what its maker rates it for
-hands hold the load    bound at every instant (see `holding`)
-clearance              bound at every instant (see `certificate`)
-hands, load and scene  bound at every instant by `comove.verification`
-====================== =================================================================================
+========================= ==============================================================================
+property                  verification
+========================= ==============================================================================
+limits of joints          exact at every instant: extremes of the cubics between samples
+torques                   sampled at 200 Hz, with a margin for between (see `effort`)
+payloads                  balanced payload and end effector of each arm against its rated payload
+end effectors on payload  bound at every instant (see `holding`)
+clearance                 bound at every instant (see `certificate`)
+payload in the scene      bound at every instant by `comove.verification`
+========================= ==============================================================================
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _SEAL = object()
 
 @dataclass(frozen=True)
 class JointReport:
-    """Measures of a joint motion; bounds hold at every instant, not only at samples.
+    """Measures of a joint motion. Bounds hold at every instant, not only at samples.
 
     Attributes
     ----------
@@ -52,19 +52,19 @@ class JointReport:
         soft limits, exact
     acceleration_ratio_max, jerk_ratio_max : likewise of its other limits; of jerk only where some are stated
     torque_ratio_max : likewise of an effort limit; sampled, with a margin
-    payload_ratio_max : largest share of what an arm is rated for that it carries; only where a payload is stated
-    hand_error_sampled, hand_turn_sampled : largest error of a hand on the load at samples [m, rad]
+    payload_ratio_max : largest used share of an arm's rated payload; only where one is stated
+    hand_error_sampled, hand_turn_sampled : largest error of an end effector on the payload at samples [m, rad]
     hand_error_max, hand_turn_max : upper bounds of these at every instant
-    distance_error_max : upper bound of the error of the hands' distances [m]
+    distance_error_max : upper bound of the error of the end effectors' distances [m]
     clearance_scene : certified lower bound of the distance between links and obstacles [m]
-    clearance_load : likewise between links and the load
+    clearance_load : likewise between links and the payload
     clearance_self : likewise between links
-    hand_uncertainty : largest error of a hand due to the tolerance of the bases' places [m]; the clearances are
-        reduced by the effect of that tolerance
+    hand_uncertainty : largest error of an end effector due to the tolerance of the bases' places [m]; the clearances
+        are reduced by the effect of that tolerance
     load_mass : mass with which torques were computed [kg]
     uncertainty : tolerance that was assumed of the bases' places
     without_gripper : names of the arms whose description has no gripper, so that none was verified
-    where : by measure, the name of the joint, hand or pair that has it, and the time [s]
+    where : by measure, the name of the joint, end effector or pair that has it, and the time [s]
 
     A clearance is infinite where there is no pair of bodies. Measures that were not computed are NaN.
     """
@@ -96,12 +96,12 @@ class JointReport:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VerifiedJointMotion(Sealed):
-    """A robot's motion that passed every check; only `verify_joints` makes it.
+    """A robot's motion that passed every check. Only `verify_joints` creates it.
 
     Attributes
     ----------
-    robot : Robot that carries the load
-    motion : VerifiedMotion of the hands and the load
+    robot : Robot that holds the payload
+    motion : VerifiedMotion of end effectors and payload
     joints : JointMotion that passed the checks
     report : JointReport of the checks
     """
@@ -127,7 +127,7 @@ class VerifiedJointMotion(Sealed):
         return self.motion.motion.scene
 
     def stream(self, rate: float = 1000.0, arm: str | None = None) -> Iterator[JointCommand]:
-        """Return an iterator over the commands for a controller, one for each of its cycles.
+        """Return an iterator over commands for a controller, one per cycle.
 
         It does not wait: the loop that sends the commands keeps the time, as drivers' callbacks do.
 
@@ -136,8 +136,8 @@ class VerifiedJointMotion(Sealed):
         rate
             Cycles in a second [Hz].
         arm
-            Name of the arm whose joints are wanted, from the base to the tip; all joints of the robot, in the order
-            of `robot.joint_names`, unless given.
+            Name of the arm whose joints are commanded, from the base to the tip; all joints of the robot, in the
+            order of `robot.joint_names`, unless given.
 
         Raises
         ------
@@ -172,19 +172,19 @@ def verify_joints(
     checks: Sequence[Check] = (),
     slack: float = 0.0,
 ) -> JointVerdict:
-    """Verify a robot's motion: limits, torques, hands on the load and clearance.
+    """Verify a robot's motion: limits, torques, grasps and clearance.
 
     Parameters
     ----------
     motion
-        Motion of the hands and the load; a CoordinatedMotion is verified first.
+        Motion of end effectors and payload; a CoordinatedMotion is verified first.
     joints
-        The robot's motion that carries out `motion`.
+        The robot's motion that executes `motion`.
     checks
         Further checks of a CoordinatedMotion.
     slack
-        Share of the links' clearance beyond the required one that its bounds in the report may give away, as a search
-        does: what is verified is the same, but faster known. Unless it is 0, the first check that fails is the last.
+        Share of the links' clearance beyond the required one that its bounds in the report may lose, for speed: the
+        same motions are verified. Unless it is 0, the first check that fails is the last.
     """
     if isinstance(motion, CoordinatedMotion):
         verdict = verify(motion, checks)
@@ -237,7 +237,7 @@ def _refused(reasons: Iterable[str]) -> JointVerdict:
 
 
 def _own_copy(joints: JointMotion) -> JointMotion:
-    """Copy the motion into read-only arrays, so that nobody can change what was verified."""
+    """Copy the motion into read-only arrays, to keep the verified values."""
     arrays = [np.array(x, dtype=float) for x in (joints.time, joints.position)]
     for array in arrays:
         array.setflags(write=False)
