@@ -20,7 +20,7 @@ from comove.optim.models import LinearModel
 
 @dataclass(frozen=True)
 class EpsilonLevel:
-    """Epsilon-level ranking with repair, which is robust for rough constraints but else slower than the Lagrangian.
+    """Epsilon-level ranking with repair, robust for rough constraints.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class EpsilonLevelRun(OptimiserRun):
             self._wait(Request(self._x, objective=True, known=self._values), self._objective_told)
 
     def _jacobian(self) -> Array | None:
-        """Return the slopes of the constraints in the space of x, array, shape (m, n); None for too few points."""
+        """Return the constraints' slopes in x, shape (m, n), or None. There must be three points at least."""
         if len(self._model) < 3:
             return None
         local = self._model.around_mean(self._es)
@@ -126,7 +126,7 @@ class EpsilonLevelRun(OptimiserRun):
 
 
 def corrections(slope: Array, missed: Array) -> Array:
-    """Compute J^+ v per row of violations, J of the violated constraints only; array, shape (n_points, n).
+    """Compute J^+ v per row of violations; array, shape (n_points, n). J has the violated constraints only.
 
     Parameters
     ----------
