@@ -1,4 +1,4 @@
-"""`solve` and `Executor`, each one call, with a robot and without: the scene says which."""
+"""`solve` and `Executor` for scenes with and without a robot."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ def solve(
     stop: Callable[[], bool] | None = None,
     found: Callable[[VerifiedJointMotion], None] | None = None,
 ) -> Solution:
-    """Find a verified motion for a scene, and the joints of the robot that it names.
+    """Find a verified motion for a scene, and its robot's joint motion.
 
     Parameters
     ----------
     scene
         Scene to solve.
     robot
-        The robot whose joints carry the motion out, or its name; what the scene says unless given. False leaves the
+        The robot that executes the motion, or its name; by default, the scene's. False leaves the
         joints out: the motion is of the end effectors alone.
     demonstration
         Movement of a single manipulator, of the scene's dimension, or one for each by its name. It is a start for
@@ -92,7 +92,7 @@ def solve(
     checks
         Further checks that a motion must pass to be verified.
     effort
-        How hard the search tries to better a verified motion: "quick" makes one path smooth, "normal" several,
+        How long the search improves a verified motion: "quick" makes one path smooth, "normal" several,
         "thorough" three times as many; or an `EffortLevel`. For comove's own method.
     begin
         The robot's joints at the start, where it holds the payload already: the motion begins there. Some that suit
@@ -166,7 +166,7 @@ def solve(
 
 
 def robot_of(scene: Scene, robot: Robot | str | Literal[False] | None = None) -> Robot | None:
-    """Return the robot that carries out motions of a scene; None where none does.
+    """Return the robot that executes motions of a scene, or None.
 
     Parameters
     ----------
@@ -209,13 +209,13 @@ def Executor(  # it is called as the classes are whose objects it returns
     period: float | None = None,
     demonstration: Any = None,
 ) -> FreeExecutor | JointExecutor:
-    """Return the executor of a scene: of its end effectors, or of the joints of the robot that it names.
+    """Return the executor of a scene, or of the robot it names. Without a robot it moves free end effectors.
 
     Parameters
     ----------
     scene : the scene; obstacles may move
-    observer : observer of the obstacles; unless given one that knows their motions, and with a robot one that sees
-        places and velocities
+    observer : observer of the obstacles; by default one that knows their motions, with a robot one that measures
+        positions and velocities
     robot, seed : as of `solve`
     period : control period [s]; 0.01 unless given, of a robot 0.004
     demonstration : a movement of one end effector, or one for each, that plans should resemble; without a robot
@@ -229,7 +229,7 @@ def Executor(  # it is called as the classes are whose objects it returns
     OptionError
         If an argument is out of range, or a demonstration is given with a robot.
     SceneError, RobotError
-        If the robot cannot hold the payload at its start or goal, or no motion is found among what stands.
+        If the robot cannot hold the payload at its start or goal, or no motion is found among static obstacles.
     """
     if (arms := robot_of(scene, robot)) is None:
         from comove.control import Executor as FreeExecutor
