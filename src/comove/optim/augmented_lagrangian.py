@@ -181,10 +181,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         return rows, missed, free
 
     def _remember_curvature(self, local: Local, multipliers: Array, stationary: Array) -> None:
-        """Record the Lagrangian's curvature, estimated from the models' residuals.
-
-        It is at least half of the Lagrangian's slope.
-        """
+        """Record the Lagrangian's curvature from the models' residuals; at least half of its slope."""
         n = len(stationary)
         residual = np.abs(local.residual[:, -1] + local.residual[:, :-1] @ multipliers)
         bent = 1.4826 * local.inflation * np.median(residual) / np.sqrt(n / 2)

@@ -102,10 +102,7 @@ class FactorForm(NoForm):
     """The reduction of a factor A of the covariance, with transformed records. From Arnold and Hansen (2012)."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """Reduce the factor A; return the transformed records.
-
-        A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j.
-        """
+        """Reduce A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j); return new records. w_j = A^-1 v_j."""
         if self._age > 0:  # what was learned since A was last made
             self._decompose()
         whitened, hit = self.whitened(records), shares > 0

@@ -108,7 +108,6 @@ class EpsilonLevelRun(OptimiserRun):
         return local.slope @ self._shape.inverse_root / self._es.sigma
 
     def _total(self, constraints: Array) -> Array:
-        """Return the sum of violations of every point; array, shape (n_points,)."""
         return self._start.violation(constraints).sum(axis=1)
 
     def _objective_told(self, objective: Array, _: Array | None) -> None:

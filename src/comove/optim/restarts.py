@@ -87,6 +87,8 @@ class IPOP:
 class BIPOP:
     """Restarts that alternate large and small populations (Hansen, 2009).
 
+    Both cost the same; small ones take small steps.
+
     Both kinds cost the same; small ones take small steps.
 
     Attributes
