@@ -28,8 +28,7 @@ N_PARTS = 15  # of a box: edges and pairs of faces
 def near_on_edge(table, j, p, q, cutoff, tolerance=PLACE_TOLERANCE):
     """Return a segment's distance [m] from obstacle `j`, and the place.
 
-    The place on the segment p-q is 0 to 1. Where the distance is certainly above `cutoff`, any value above `cutoff`
-    may be returned.
+    The place is from 0 at p to 1 at q. Where the distance is above `cutoff`, any value above it may be returned.
     """
     distance, low, high, falls, rises = nearest_on_segment(
         table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff, tolerance

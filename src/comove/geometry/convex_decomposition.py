@@ -206,7 +206,6 @@ def _area(corners: Array) -> Array:
 
 
 def _thin(points: Array, thickness: float) -> Polytope:
-    """Return the hull of points (n, 3) thickened along the axes [m]."""
     return solid_hull_of(thickened(points, thickness))
 
 
@@ -588,10 +587,7 @@ def _behind(points, planes, out):
 
 @kernel
 def _lines(points, first, middle, field, origin, step, most):
-    """Return how far lines between pieces leave the solid; shape (n, n) [m].
-
-    It is infinite where it is more than `most`.
-    """
+    """Return how far lines between pieces leave the solid, (n, n) [m]; infinite beyond `most`."""
     n = first.shape[0] - 1
     apart = np.zeros((n, n))
     for p in range(n):

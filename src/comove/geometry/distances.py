@@ -88,11 +88,10 @@ def point_distance(table, j, x, y, z):
 
 @kernel(counted=False)
 def _farthest_plane(table, j, x, y, z):
-    """Return a point's largest distance [m] from a polytope's planes.
+    """Return a point's distance [m] from the farthest plane, and its column.
 
-    The second result is the column at which that plane begins.
-
-    The point is given relative to the polytope's centre, along the axes of the world.
+    The plane is one of a polytope's. The point is given relative to the polytope's centre, along the axes of the
+    world.
     """
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z

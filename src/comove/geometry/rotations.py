@@ -126,10 +126,7 @@ def angular_velocity(vectors: Array, rates: Array) -> Array:
 
 
 def rates_of(vector: Array, angular: Array) -> Array:
-    """Compute r' from a rotation vector and its angular velocity, shape (3,).
-
-    It is the inverse of `angular_velocity`.
-    """
+    """Compute r' from a rotation vector and an angular velocity: the inverse of `angular_velocity`."""
     jacobian = np.stack([angular_velocity(vector, unit) for unit in np.eye(3)], axis=1)
     return np.asarray(np.linalg.solve(jacobian, angular), dtype=np.float64)
 
@@ -170,10 +167,7 @@ def similarity(a: Array, b: Array) -> Array:
 
 
 def fit_angle(grasps: Array, hands: Array) -> Array:
-    """Return the angles [rad] about z that best turn grasps onto `hands`.
-
-    Shapes are (n, 3) and (..., n, 3) -> (...).
-    """
+    """Return angles [rad] about z that best fit grasps to end effectors; (n, 3), (..., n, 3) -> (...)."""
     held, wanted = _about_middle(grasps), _about_middle(hands)
     cosine = (held[:, 0] * wanted[..., 0] + held[:, 1] * wanted[..., 1]).sum(axis=-1)
     sine = (held[:, 0] * wanted[..., 1] - held[:, 1] * wanted[..., 0]).sum(axis=-1)
@@ -181,10 +175,7 @@ def fit_angle(grasps: Array, hands: Array) -> Array:
 
 
 def fit_direction(grasps: Array, hands: Array) -> Array:
-    """Return unit vectors along which `grasps` fit `hands` best.
-
-    Grasps are on the x axis; shapes are (n, 3) and (..., n, 3) -> (..., 3).
-    """
+    """Return x axes that best fit grasps to end effectors; (n, 3), (..., n, 3) -> (..., 3)."""
     direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 

@@ -389,10 +389,7 @@ def box_distance(surfaces, box, low, high):
 
 @kernel
 def box_gap(surfaces, box, points, others, normal):
-    """Return the gap [m] along `normal` between points and a tree box.
-
-    The hull of both sets of points, (n, 3) each, counts.
-    """
+    """Return the gap [m] along `normal` between points and a tree box. Both sets of points, (n, 3), count."""
     least, most = 0.0, -np.inf
     for axis in range(3):
         least += min(normal[axis] * surfaces.lower[box, axis], normal[axis] * surfaces.upper[box, axis])

@@ -53,10 +53,7 @@ def _apart(lines: Integers, faces: Integers) -> Integers:
 
 
 def _closed_ones(vertices: Array, faces: Integers) -> tuple[list[Integers], list[Integers]]:
-    """Return the solids that triangles form, and the remaining triangles.
-
-    Each solid is turned all outwards or all inwards.
-    """
+    """Return the solids of triangles, consistently oriented, and the remaining triangles."""
     shared = _without_rims(faces)
     solids, sheets = [], [] if shared.all() else [faces[~shared]]
     core = faces[shared]
@@ -71,10 +68,7 @@ def _closed_ones(vertices: Array, faces: Integers) -> tuple[list[Integers], list
 
 
 def _without_rims(faces: Integers) -> NDArray[np.bool_]:
-    """Return which triangles remain when rims are removed again and again.
-
-    A rim is a triangle with an edge that no other shares.
-    """
+    """Return which triangles remain when those with unshared edges are removed repeatedly."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, side = np.unique(edges, axis=0, return_inverse=True)
     side = side.reshape(3, -1).T  # of every triangle, by number
@@ -111,10 +105,7 @@ def welded(vertices: Array, faces: Integers) -> tuple[Array, Integers, float]:
 
 
 def _by_turns(faces: Integers) -> tuple[Integers, NDArray[np.bool_]]:
-    """Return every triangle once, in its most frequent orientation.
-
-    The second result is which occur equally often in both orientations.
-    """
+    """Return every triangle once, in its main orientation, and those without one."""
     order = np.argsort(faces, axis=1)
     _, first, which = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True)
     # A permutation of three numbers is even if it is one of the turns.
