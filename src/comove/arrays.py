@@ -22,10 +22,7 @@ def listed(values: ArrayLike, decimals: int) -> str:
 
 
 def first_largest(values: ArrayLike) -> int:
-    """Return the first index of the largest value, up to rounding.
-
-    The index is that of the flattened array; nan counts as largest.
-    """
+    """Return the first index of the largest value, up to rounding; nan counts as largest."""
     values = np.asarray(values, dtype=float).ravel()
     best = int(np.argmax(values))
     if not np.isfinite(values[best]):
@@ -35,8 +32,5 @@ def first_largest(values: ArrayLike) -> int:
 
 
 def first_least(values: ArrayLike) -> int:
-    """Return the first index of the least value, up to rounding.
-
-    The index is that of the flattened array; nan counts as least.
-    """
+    """Return the first index of the least value, up to rounding; nan counts as least."""
     return first_largest(-np.asarray(values, dtype=float))

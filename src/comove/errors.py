@@ -265,9 +265,9 @@ class ExtraError(ComoveError):
 class ComoveWarning(UserWarning):
     """Warning about a value that was changed or looks wrong.
 
-    For example, an end effector was moved to fit the payload's length, a mesh was repaired, or noise was removed.
-    Nothing needs to be done if that is intended. `warnings.simplefilter("error", comove.errors.ComoveWarning)` turns
-    them into errors.
+    For example, an end effector was moved to fit the payload, a mesh was repaired, or noise was removed. Nothing
+    needs to be done if that is intended. `warnings.simplefilter("error", comove.errors.ComoveWarning)` turns them
+    into errors.
 
     Examples
     --------

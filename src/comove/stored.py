@@ -89,9 +89,7 @@ _SIMULATION: tuple[_Described, ...] = (
 
 
 def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[Row]:
-    """Return the bounds proved for a motion, in words.
-
-    A row holds the quantity, its bound over all instants, and the scene's requirement.
+    """Return a motion's quantities, bounds over all instants, and requirements in words.
 
     Parameters
     ----------
@@ -121,10 +119,7 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
 
 
 def support_words(scene: Scene) -> list[str]:
-    """Return the resting contacts of a scene in words.
-
-    Each says at which displacement the full clearance applies again.
-    """
+    """Return the resting contacts of a scene, and their ends, in words."""
     told = []
     for rest in scene.rests:
         along = ", ".join(f"{x:.3g}" for x in rest.normal[: scene.n_dims] + 0.0)

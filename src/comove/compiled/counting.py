@@ -70,8 +70,6 @@ def compiling(
 ) -> Iterator[Compiled]:
     """Count the kernels compiled in this context, and measure the time.
 
-    Loading others from the cache counts as time too.
-
     Parameters
     ----------
     tell : function that is called with the name of every kernel when its compilation begins, and with "" when all

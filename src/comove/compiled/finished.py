@@ -1,8 +1,7 @@
-"""Records of jobs whose kernels are all compiled.
+"""Records of jobs whose kernels are all compiled, beside compiled functions.
 
-They lie beside the compiled functions. A record holds for one installation: one version of Python, of numba and of
-the sources, and one kind of processor. Where records cannot be written, or compiled functions are lost, functions are
-compiled when they are first called.
+A record holds for one installation: one version of Python, of numba and of the sources, and one kind of processor.
+Where records cannot be written, or compiled functions are lost, functions are compiled when they are first called.
 """
 
 from __future__ import annotations

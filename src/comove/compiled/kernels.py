@@ -164,10 +164,7 @@ class Kernel(_Compiled):
         return found
 
     def _compile_for_args(self, *args: Any, **more: Any) -> Any:
-        """Return the function for arguments, timed as loading.
-
-        numba takes long to find the types of deeply nested arguments.
-        """
+        """Return the function for arguments. Finding their types is slow, so it counts as loading."""
         with event.trigger_event(LOADING):
             return super()._compile_for_args(*args, **more)  # type: ignore[misc]  # of C
 
@@ -296,6 +293,7 @@ class Question:
 
     @property
     def nopython_signatures(self) -> list:
+        """Return the kernels' signatures, for messages of numba."""
         return [signature for kernel in self.answers.values() for signature in kernel.nopython_signatures]
 
     def get_call_template(self, args: tuple, kws: dict) -> Any:
@@ -321,10 +319,7 @@ class _Callee(_Compiled):
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Disable garbage collection meanwhile.
-
-    Compilers produce little garbage, and each collection goes through all their objects.
-    """
+    """Disable garbage collection meanwhile. Each collection would visit all objects of the compiler."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -85,10 +85,7 @@ class KernelLibrary(OptionalCode, JITCodeLibrary):
             self._finalized, self._compiled_object = True, b""
 
     def _is_called(self) -> bool:
-        """Return whether the code is called through its address.
-
-        Large code, recursive code, and numba's own with an entry are.
-        """
+        """Return whether code is called by address: large, recursive, or numba's own with an entry."""
         unresolved = [
             one.name for one in self._final_module.global_variables if one.name.startswith(UNRESOLVED)
         ]

@@ -113,9 +113,7 @@ def _folder_of_meshes(folder: Path, data: dict[str, Any]) -> Path | None:
 
 
 def filled_in(scene: Scene, folder: Path, summary: Summary) -> Scene:
-    """Return the scene with its open values filled in.
-
-    They are the documented limits, the result's duration, and one of its grasps.
+    """Return the scene with documented limits, the result's duration, and its grasp.
 
     Raises
     ------

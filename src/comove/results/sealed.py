@@ -285,10 +285,7 @@ class ResultKind:
         loose: Collection[str] = (),
         truths: Collection[str] = (),
     ) -> None:
-        """Raise ResultError for arrays of wrong shape or type, or not finite.
-
-        Arrays named in `loose` need not be finite; those in `truths` are boolean.
-        """
+        """Raise ResultError for arrays of other shapes or types, or not finite. `loose` ones need not be finite."""
         for name, shape in shapes.items():
             found, kind = arrays[name], np.dtype(bool if name in truths else float)
             if found.shape != shape or found.dtype != kind:
