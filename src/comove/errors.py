@@ -1,7 +1,7 @@
 """Exceptions and warnings of comove, and helpers for their messages.
 
-Every error that a user can cause is an :class:`InputError`: it carries the file, the key and the wrong value, and how
-to correct it, and reads as one sentence.
+Every error that a user can cause is an :class:`InputError`: it holds the file, the key, the wrong value and its
+correction, and reads as one sentence.
 """
 
 from __future__ import annotations
@@ -39,20 +39,18 @@ class ComoveError(Exception):
 
 
 class InputError(ComoveError):
-    """Error in the user's input; the message is one sentence.
-
-    Correct what it names. A program that calls comove finds the parts of the sentence as attributes.
+    """Error in the user's input; the message is one sentence. The parts of the sentence are attributes.
 
     Parameters
     ----------
     message
-        What is wrong, with the wrong value.
+        The error, with the wrong value.
     file
         The file that holds the wrong value.
     key
         The place in the file: a dotted key, a row, an option.
     way_out
-        What to write instead.
+        The correction.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Verification of result folders against a trusted scene and robot.
 
 Without a trusted scene a part is verified against the folder's own, and without a trusted robot against the one that
-the scene names; `against` says so. Nothing else in a folder may loosen its verification. Measures are given in words,
-for the command line and for pages.
+the scene names; `against` states it. Nothing else in a folder may loosen its verification. Measures are given in
+words, for the command line and for pages.
 """
 
 from __future__ import annotations
@@ -246,7 +246,7 @@ class Verification:
 
     Attributes
     ----------
-    part : what was verified
+    part : verified part
     scene : scene that it was verified against
     against : where scene and robot are from, in words, untrusted ones first
     reasons : reasons against verification, in words
@@ -323,7 +323,7 @@ def verify(
     Raises
     ------
     OptionError
-        If it is nothing of the kind, or an argument is of something else.
+        If it is none of these, or an argument does not apply to it.
     ResultError
         If a part of the folder is missing, incomplete or unreadable.
     """
@@ -457,7 +457,7 @@ def verify_folder(
     RobotError
         If no robot may be trusted, or it cannot be loaded.
     ExtraError
-        If a part needs what is not installed.
+        If a part needs a missing package.
     """
     stored = _Folder(Path(folder), scene, robot)
     return tuple(stored.verify(part) for part in parts_of(Path(folder)))

@@ -59,7 +59,8 @@ def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
     Parameters
     ----------
     function : a Python function
-    argument_types : numba's types of its arguments: named tuples, which choose what answers a question, and functions
+    argument_types : numba's types of its arguments: named tuples, which select the kernels of a `Question`, and
+        functions
     """
     argument_types = list(argument_types)
     kinds, reached = _kinds(argument_types), dict[Callable, bytes]()

@@ -20,7 +20,7 @@ Clock = Callable[[], float]
 
 @dataclass
 class Compiled:
-    """Counts what has been compiled so far.
+    """Counters of compiled kernels so far.
 
     Attributes
     ----------

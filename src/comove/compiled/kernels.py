@@ -222,7 +222,7 @@ class Kernel(_Compiled):
 
         Returns
         -------
-        numba's description of a function with that symbol, and what finds it again
+        numba's description of a function with that symbol, and its `Reload`
         """
         self.callee.compile(args)
         compiled = self.callee.overloads[args]

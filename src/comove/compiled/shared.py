@@ -3,7 +3,7 @@
 numba by itself passes every array of a named tuple as seven numbers or more, to every function, and handles the tuple
 as one value of hundreds of numbers: most of the code of a planner, and of the time to compile it, would be copies. A
 tuple of arrays from Python is therefore laid out in memory once a call, and kernels receive its address, from which
-they load what they use (see `lowering`). Tuples made by kernels are numba's own.
+they load the fields in use (see `lowering`). Tuples made by kernels are numba's own.
 """
 
 from __future__ import annotations

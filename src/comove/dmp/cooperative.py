@@ -57,7 +57,7 @@ class CooperativeDMP:
     Attributes
     ----------
     load : movement of the payload's frame; None where every end effector moves independently
-    hands : by name, the pose in that frame: constant, or a movement of the same duration
+    hands : by name, the end effector's pose in that frame: constant, or a movement of the same duration
     """
 
     load: PoseDMP | None

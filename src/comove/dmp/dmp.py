@@ -172,7 +172,7 @@ class DMP:
         ComoveWarning
             If the variant cannot learn a dimension, because the recorded ends coincide in it, there are more weights
             than samples to determine them, or the fit is farther from the recording than a twentieth of its extent
-            (`fit_error` measures it); names the distance, the time, and what brings it nearer.
+            (`fit_error` measures it); names the distance, the time, and a remedy.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         variant = Variant.named(variant)
@@ -472,7 +472,7 @@ class DMP:
             An acceleration [m/s^2] that acts during the step, shape (n_dims,); it has no effect in a pause.
         velocity_coupling
             A velocity [m/s] by which the position moves besides during the step, shape (n_dims,); the system's own
-            velocity, which the state holds, answers to where that leads (Gams et al., 2014).
+            velocity, which the state holds, responds to the displacement (Gams et al., 2014).
 
         Raises
         ------

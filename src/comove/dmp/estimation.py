@@ -177,7 +177,7 @@ def solver(basis: MotionBasis, s: Array, ridge: float = 1e-7) -> Array:
     """Return the matrix from positions at shares `s` to parameters.
 
     The parameters are those of the nearest movement. Both ends are those of the first and the last position exactly.
-    `ridge` is that of the fit, relative to the share of the course.
+    `ridge` is that of the fit, relative to the share of the duration.
 
     Returns
     -------

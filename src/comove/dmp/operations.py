@@ -128,11 +128,11 @@ def reverse(dmp: DMP, *, n_basis: int | None = None) -> DMP:
 
 
 def blend(a: DMP, b: DMP, share: float) -> DMP:
-    """Blend two movements as ``(1 - share) a + share b``. They are taken at equal shares of their durations.
+    """Blend two movements as ``(1 - share) a + share b``. They are sampled at equal shares of their durations.
 
     Ends, end velocities in units of duration, weights and durations are interpolated. Movements with different
-    variants, phases or numbers of weights are first converted: b takes the variant and phase of a, and both take the
-    larger number of weights; this conversion is a fit and not exact.
+    variants, phases or numbers of weights are first converted: b gets the variant and phase of a, and both the larger
+    number of weights; this conversion is a fit and not exact.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def sequence(*movements: DMP, overlap: float = 0.0) -> MovementSequence:
     Raises
     ------
     OptionError
-        If the movements do not fit together, or an overlap is asked for and one of them ends in motion.
+        If the movements do not fit together, or overlap and one of them ends in motion.
     """
     if not movements:
         raise OptionError("there is no movement", way_out="give two or more")
@@ -357,8 +357,8 @@ def coactivated(
 
     Parameters
     ----------
-    promps : distributions of the same manipulators and dimension; the first one's basis and duration are taken
-    activations : array, shape (n_promps,), or (n_promps, n_steps) at even shares of the course; from 0 to 1
+    promps : distributions of the same manipulators and dimension; the result has the first one's basis and duration
+    activations : array, shape (n_promps,), or (n_promps, n_steps) at even shares of the duration; from 0 to 1
     length : length over which instants of the result correlate [durations]; a product at each instant does not
         determine it
 

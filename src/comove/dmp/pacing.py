@@ -9,7 +9,7 @@ and the fastest progress has the largest x everywhere (Bobrow, Dubowsky and Gibs
 (reachability analysis; Pham and Pham, 2018): backwards the largest x from which the end can still be reached at every
 knot, then forwards the largest u that stays below. u is constant between two knots, and the limits are imposed at
 both knots and in the middle of them. Where the parabola through these exceeds a limit in between, the limit is
-lowered and both passes are made again; what is left is made up for by slowing down all of it a little.
+lowered and both passes are made again; the remaining violation is removed by slowing the whole motion slightly.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def slowed(
 ) -> PacedDMP:
     """Return the movement on its path in least time within limits.
 
-    The movement slows down only where limits ask for it, and nowhere exceeds the given pace. Where it does not begin
+    The movement slows down only where limits require it, and nowhere exceeds the given pace. Where it does not begin
     and end at rest, it begins and ends at its own pace at most.
 
     Parameters

@@ -177,7 +177,7 @@ class ProMP:
         ComoveWarning
             If the recordings are so few that the taper cannot be chosen by leaving one out, or one has fewer samples
             than a coordinate has weights, or its fit is off by more than a twentieth of the movement's extent in a
-            coordinate; names the distance and what brings it nearer.
+            coordinate; names the distance and a remedy.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         phase = ExponentialPhase() if phase is None else phase

@@ -168,7 +168,7 @@ def require_plausible(recording: Demonstration, named: str) -> None:
     Raises
     ------
     DemonstrationError
-        The message says which unit is plausible, and the option that states the unit.
+        The message names a plausible unit, and the option that states it.
     """
     found = doubts(recording.time, recording.position, recording.unit, stated=recording.stated)
     for doubt in found:

@@ -21,11 +21,11 @@ the learned movement, the greatest distance between two of its points, and ``r =
 
     A = (1 - b) 1 + b S,   b = r / APART (r - CLOSED) / (APART - CLOSED) from r = CLOSED to APART,
 
-the identity below and S itself above. What S adds has the size ``b |d|/|d*|``, which so rises linearly in d*: no
-other b from 0 to 1 between the same ends has a smaller Lipschitz constant. A convex combination of both matrices,
-unlike a product of partial scales and turns, is continuous in the plane also where d and d* are opposite; in space it
-jumps there by b times what R jumps. A commutes with rotations, and its norm is at most 6/5 of the larger of 1 and
-``|d| / (APART E)``: no shape grows beyond 6/5 of the larger of its own size and 1 / APART displacements.
+the identity below and S itself above. The contribution of S has the size ``b |d|/|d*|``, which so rises linearly in
+d*: no other b from 0 to 1 between the same ends has a smaller Lipschitz constant. A convex combination of both
+matrices, unlike a product of partial scales and turns, is continuous in the plane also where d and d* are opposite;
+in space it jumps there by b times the jump of R. A commutes with rotations, and its norm is at most 6/5 of the larger
+of 1 and ``|d| / (APART E)``: no shape grows beyond 6/5 of the larger of its own size and 1 / APART displacements.
 """
 
 from __future__ import annotations
@@ -95,14 +95,12 @@ class Variant(NamedOption):
         return _BASES[self](n_basis, phase=phase)
 
     def scaling(self, learned: Array, displacement: Array, extent: float) -> Array:
-        """Return A(d), the factor of the learned forcing; array, (n_dims, n_dims).
+        """Return A(d), the factor of the learned forcing term; (n_dims, n_dims).
 
         Parameters
         ----------
         learned, displacement : arrays, shape (n_dims,), d* and d
         extent : greatest distance between two points of the learned movement
-
-
         """
         none = NO_WAY * extent
         if self is Variant.CLASSIC:

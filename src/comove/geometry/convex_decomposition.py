@@ -42,7 +42,7 @@ class DecompositionSettings:
     Attributes
     ----------
     share : resolution where none is given, as a share of the mesh's longest side
-    sheet : thickness that a sheet is taken to have, as a share of the mesh's longest side
+    sheet : assumed thickness of a sheet, as a share of the mesh's longest side
     n_cells : cells along the longest side into which a part that is not convex is cut in any case
     n_planes, plane_area : cuts across every axis at flat sides, and the least share of the surface in one plane for a
         cut there

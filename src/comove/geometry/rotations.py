@@ -146,7 +146,7 @@ def similarity(a: Array, b: Array) -> Array:
     """Return the smallest rotation times scale that maps `a` to `b`. It is an array, shape (n, n).
 
     In one dimension, where rotation is impossible, it is b/a. For opposite vectors the axis is not determined: a
-    fixed one is taken.
+    fixed one is used.
     """
     if len(a) == 1:
         return (b / a)[:, None]

@@ -272,7 +272,7 @@ def point_distances(surfaces, mesh, points, cutoff, depths):
 
 @kernel
 def holds(surfaces, mesh, x, y, z):
-    """Return whether a point is inside a solid of a mesh. For a point on the surface the answer may be either.
+    """Return whether a point is inside a solid of a mesh. For a point on the surface the result is undefined.
 
     A ray counts the triangles that it crosses, +1 or -1 by their side.
     """

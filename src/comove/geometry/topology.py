@@ -1,7 +1,7 @@
 """The parts of a mesh: solids, where its triangles close, and sheets, where they do not.
 
 Vertices at one place are merged, and so are triangles of the same vertices. Triangles that have an edge which no
-other triangle shares are removed, again and again: this removes a fin, and all of an open box. What is left of a
+other triangle shares are removed, again and again: this removes a fin, and all of an open box. The remainder of a
 connected part is a solid if all its edges are shared by two triangles, or are traversed equally often in both
 directions. Where neither holds, triangles that occur equally often in both orientations, such as a wall between two
 solids, are examined apart from the rest.

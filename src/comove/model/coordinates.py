@@ -2,13 +2,14 @@
 
 The configuration q of a scene is the concatenation of one block per rigid group:
 
-============ ============================== ==================================================== block        q
-position of a point r of the group ============ ==============================
-==================================================== point        c (D)                          c + r: a hand, or a
-load that does not turn at all angle        c (D), theta                   c + R(theta) r, in space a turn about the
-vertical direction    c (D), v (D)                   c + R(v/|v|) r, in space only for r along the axis quaternion   c
-(3), p (4), w x y z          c + R(p/|p|) r ============ ==============================
-====================================================
+============ ============================== ====================================================
+block        q                              position of a point r of the group
+============ ============================== ====================================================
+point        c (D)                          c + r: an end effector, or a payload that does not turn
+angle        c (D), theta                   c + R(theta) r, in space a turn about the vertical
+direction    c (D), v (D)                   c + R(v/|v|) r, in space only for r along the axis
+quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
+============ ============================== ====================================================
 
 A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact. End
 effectors that must be at one height share the column of their heights, as do free ones that keep a payload level. The

@@ -8,7 +8,7 @@ and u the largest displacement of any node from that end. At every instant the b
     r = max(0, c - d + TOLERANCE - SLOPE u).
 
 As that moves no point of the obstacle by more than r, the true distance is at least ``min(c, d - TOLERANCE + SLOPE
-u)``: never below what it was at the end, growing with every millimetre that the body moves, and the full clearance
+u)``: never below its value at the end, growing with every millimetre that the body moves, and the full clearance
 from ``u = (c - d + TOLERANCE) / SLOPE`` on. The rule depends on poses alone, not on time, so pauses, retiming and
 pushes do not change it. All other pairs keep the full clearance.
 """
@@ -189,7 +189,7 @@ def require_no_rest(scene: Supported) -> None:
     Raises
     ------
     SceneError
-        If the scene has any; it says where start and goal must be.
+        If the scene has any; it states where start and goal must be.
     """
     told = []
     for end in ENDS:

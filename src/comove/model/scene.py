@@ -98,7 +98,7 @@ class Scene:
     constraints : constraints that must hold at every instant, with the distances that payload and relative poses
         imply
     body : the geometry of payload and end effectors that must keep clear of obstacles
-    obstacles : array, shape (n_rows, n_columns), the table that kernels take, for search and avoidance: one row for
+    obstacles : array, shape (n_rows, n_columns), the table for kernels, for search and avoidance: one row for
         each obstacle; of a mesh, one row for each polytope that contains a part of it
     owners : array of int, shape (n_rows,), number in the file of the obstacle to which a row belongs
     grasp : orientations of the end effectors that hold the payload, None where the file has none

@@ -41,13 +41,13 @@ class AugmentedLagrangian:
     ----------
     penalty : rho_j in units of the curvature
     growth : factor on `penalty` for every earlier run that diverged
-    learning : share of the way to the programme's multipliers that the multipliers go in a generation
+    learning : step of the multipliers towards the programme's in a generation, as a share
     integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
-    adaptation : share of the logarithmic way to their target that the penalties go in a generation
+    adaptation : step of the penalties towards their target in a generation, as a share in logarithms
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
-    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint
-        in a run's first generations; disconnected feasible sets, seen from afar, have no slope
-    early : number of these first generations, in which constraints may still be seen from afar
+    trust : least slope of a constraint's model, in units of its residuals, for the programme to have the constraint
+        in a run's first generations; distant disconnected feasible sets have no slope
+    early : number of these first generations, in which constraints may still be distant
     longest : longest step of the programme, in root-n lengths of the distribution
     far : squared distance a dimension, in units of the distribution, beyond which models are not trusted
     divergence : growth of the curvature over its least value that no converging run shows

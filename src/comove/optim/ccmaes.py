@@ -140,7 +140,7 @@ class MatrixForm(TransformationMatrix):
 
 @dataclass(frozen=True)
 class CCMAES:
-    """Constrained CMA-ES for constraints that tell little but feasibility.
+    """Constrained CMA-ES for constraints that reveal little beyond feasibility.
 
     Attributes
     ----------

@@ -295,7 +295,7 @@ class CMAES:
 
     Attributes
     ----------
-    guests : points that still wait to take part; array, shape (n_points, n)
+    guests : points that wait for a generation; array, shape (n_points, n)
 
     Raises
     ------
@@ -335,7 +335,7 @@ class CMAES:
         return x
 
     def invite(self, points: Array) -> None:
-        """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
+        """Replace samples of the next generations by points, (n_points, n)."""
         self.guests = np.concatenate([self.guests, points])
 
     def whitened(self, x: Array) -> Array:

@@ -161,11 +161,11 @@ class OptimiserRun(AskAndTell):
 
     @property
     def guests(self) -> Array:
-        """Return the points that still wait to take part; array, shape (n_points, n)."""
+        """Return the points that wait for a generation; array, shape (n_points, n)."""
         return self._es.guests
 
     def invite(self, points: Array) -> None:
-        """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
+        """Replace samples of the next generations by points, (n_points, n)."""
         self._es.invite(points)
 
     def _teaches(self, known: bool) -> bool:

@@ -92,7 +92,7 @@ def minimise(
     x0, sigma0, equality, tolerance, bounds, method, restarts, population, covariance, seed
         As in `Minimiser`.
     injected
-        Points that take part in the first generations, such as guesses; array, shape (n_points, n).
+        Points of the first generations, such as guesses; array, shape (n_points, n).
     target
         Objective value at which the search ends, as soon as a feasible point is at least as good.
     max_evaluations
@@ -206,9 +206,8 @@ class Minimiser:
         Which of them are equalities, h = 0; none by default.
     tolerance : float
         Largest absolute value of an equality that counts as met.
-    bounds : pair of arrays, each of shape (n,) or a number
-        Lowest and highest x; no point outside is ever requested. A variable whose bounds are equal is fixed: the
-        search knows nothing of it.
+    bounds : pair of arrays, each of shape (n,) or a number Lowest and highest x; no point outside is ever requested.
+        A variable whose bounds are equal is fixed: the search omits it.
     method : ConstrainedMethod
         By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts

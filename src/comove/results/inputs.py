@@ -42,7 +42,7 @@ def write_inputs(
     Parameters
     ----------
     folder : result folder, which exists
-    scene : scene that was solved; its file is copied, and every file that it names. None where `files` say it all
+    scene : scene that was solved; its file is copied, and every file that it names. None where `files` are complete
     files : further files and folders, such as a robot's description and models
     command : words after ``comove``; paths that exist are files that were read. Empty for results made in Python
     made : contents of files that are nowhere yet, by the paths at which they would be

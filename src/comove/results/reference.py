@@ -48,7 +48,7 @@ class Reference:
         return f"the scene '{self.scene.name}'" if self.scene.path is None else f"{self.file}"
 
     def for_result(self, folder: Path, summary: Summary) -> Reference:
-        """Return the reference with what its scene leaves open filled in; see `filled_in`."""
+        """Return the reference with a result's open values; see `filled_in`."""
         return Reference(filled_in(self.scene, folder, summary), self.file, self.is_own)
 
 

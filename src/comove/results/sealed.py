@@ -182,7 +182,7 @@ class ResultKind:
     hint : advice where they cannot be used
     required, optional : names of the arrays
     unsealed : entries that differ between runs of one seed, which the summary's checksum leaves out
-    outdated : names of files that show what an earlier summary told of, and are removed with it
+    outdated : names of files derived from an earlier summary, which are removed with it
     require_entries : function of a summary and its path that raises `ResultError` for entries of other types
     """
 

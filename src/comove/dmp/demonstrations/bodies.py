@@ -39,7 +39,7 @@ class Body:
 
     Attributes
     ----------
-    name : name of the body; "" if the names say none
+    name : name of the body; "" if the names hold none
     position : columns of x, y, z, as far as recorded
     orientation : columns of a quaternion w x y z, of roll, pitch, yaw, or of a rotation vector; all or none
     joints : columns of joint coordinates, in the order of the recording
@@ -91,8 +91,8 @@ class Body:
         """Return the fields of `RecordedSamples` of this body in a table.
 
         Positions keep the unit that all columns state, and are converted to the base unit where columns differ.
-        Columns that state none are taken to be in `unit`, by default in metres, or radians of joints. Orientations
-        become quaternions w x y z.
+        Columns without a unit are in `unit`, by default in metres, or radians of joints. Orientations become
+        quaternions w x y z.
 
         Parameters
         ----------
@@ -347,7 +347,7 @@ def chosen_body(
     wanted : names of columns, as `columns_named` finds them, or one name of a body
     columns : all columns of the recording
     file : file of the recording, for messages
-    unit : unit that the user states; an angle makes joints of columns that may be anything
+    unit : unit that the user states; an angle makes joints of columns of unknown meaning
 
     Raises
     ------

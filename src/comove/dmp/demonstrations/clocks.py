@@ -26,7 +26,7 @@ class Time:
     ----------
     seconds : array, shape (n_steps,), [s]
     words : its source
-    notes : what was inferred
+    notes : inferred facts
     is_stated : whether its unit is stated, rather than inferred
     """
 

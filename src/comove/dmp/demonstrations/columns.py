@@ -360,7 +360,7 @@ def _told_by_others(columns: list[Column]) -> list[Column]:
 
 
 def _indexed_vectors(columns: list[Column]) -> list[Column]:
-    """Return columns with numbered ones as vectors: `pos_0, pos_1, pos_2`, or the begin of `tcp_pose_0` to `_5`."""
+    """Return columns with numbered ones as vectors: `pos_0, pos_1, pos_2`, or the start of `tcp_pose_0` to `_5`."""
     stems: dict[str, list[Column]] = {}
     names = {column.number: bare_name(column.name) for column in columns}
     is_joint_state = any(re.fullmatch(r".*\bname_?\[?0\]?", name) for name in names.values())

@@ -52,13 +52,13 @@ STILL = 1e-6
 
 @dataclass(frozen=True)
 class Doubt:
-    """Something in a recording that looks wrong.
+    """A suspected fault of a recording.
 
     Attributes
     ----------
     mark : the phrase by which notes show that this was reported before
     message : the fault, its place and size
-    way_out : what to do about it
+    way_out : the remedy
     key : option that settles it; "" if none does
     options : the same with a value, for the command that is printed
     """

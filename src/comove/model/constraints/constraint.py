@@ -199,7 +199,7 @@ class Constraint(ABC):
 
         Parameters
         ----------
-        ends : array, shape (2, n_hands, n_dims), the hands at start and goal [m]
+        ends : array, shape (2, n_hands, n_dims), the end effectors at start and goal [m]
         """
         return ()
 

@@ -428,8 +428,8 @@ class UprightKeys(ConstraintKeys, Sparse):
 
     The payload may turn about the vertical, and lean from it by `tolerance_deg` at most. `up`, in the payload's
     frame, is the direction that stays near the vertical; unless given, the one that is vertical at the start. Without
-    `up`, the tilt of the start is kept on the way, and the goal may miss it by the tolerance, where the tolerance is
-    one degree or less, the scene is planar, or the payload has no poses.
+    `up`, the tilt of the start is kept during the motion, and the goal may miss it by the tolerance, where the
+    tolerance is one degree or less, the scene is planar, or the payload has no poses.
     """
 
     LATER = ("up",)

@@ -1,7 +1,7 @@
 """Obstacles from other files: MoveIt planning scenes, URDF, and MJCF.
 
 A file becomes entries of the scene's list of obstacles, with names. Readers that need a robot's or a simulator's
-libraries are loaded by name, when a scene asks for one.
+libraries are loaded by name, when a scene needs one.
 """
 
 from __future__ import annotations

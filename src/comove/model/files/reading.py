@@ -408,7 +408,7 @@ def parse_scene(
     Parameters
     ----------
     data
-        The contents of a scene file; arrays are taken as lists.
+        The contents of a scene file; arrays count as lists.
     folder
         The folder to which paths in the scene are relative; where None, files are not checked.
     file, lines

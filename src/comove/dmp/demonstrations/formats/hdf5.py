@@ -77,7 +77,7 @@ def read(
     episode : name (demo_3) or number (3) of the only episode to read; None: all
     dataset : path of the dataset, or of the group of datasets, that holds the movement; in the file, or in an episode
     columns : numbers, from 1, of the columns of the dataset that are the positions, or joints
-    rate : samples a second [Hz], instead of what the file says
+    rate : samples a second [Hz], instead of the file's
     unit : unit of the positions or joints that state none; an angle makes columns joints
 
     Returns

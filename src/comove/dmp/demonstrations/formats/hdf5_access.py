@@ -84,7 +84,7 @@ class HDF5File:
         Raises
         ------
         DemonstrationError
-            If a link on the way leads into another file, nowhere, or in a circle.
+            If a link in the path leads into another file, nowhere, or in a circle.
         """
         h5py, node, passed = extra("h5py", self.path), self.root, ""
         for part in filter(None, key.split("/")):
@@ -189,7 +189,7 @@ class HDF5File:
         Raises
         ------
         DemonstrationError
-            If it is missing, no dataset of numbers, of another shape, larger than what is read, incomplete, or its
+            If it is missing, no dataset of numbers, of another shape, too large, incomplete, or its
             numbers lie in another file.
         """
         h5py, dataset = extra("h5py", self.path), self.require(key)

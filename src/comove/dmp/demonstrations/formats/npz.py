@@ -42,7 +42,7 @@ def read(
     Parameters
     ----------
     path : archive in the layout of this module, up to 256 MB unpacked
-    time : unit of `time` in brackets, "time [ms]"; seconds, or what its size shows, unless given
+    time : unit of `time` in brackets, "time [ms]"; seconds, or a unit inferred from its size, unless given
     rate : sampling rate [Hz], instead of `time`
 
     Returns

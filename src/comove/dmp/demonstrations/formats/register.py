@@ -116,7 +116,7 @@ def load(
 ) -> RecordedSamples:
     """Return one movement; see `Demonstration.load`.
 
-    Options that the format does not take are refused by name; those that are None count as not given.
+    Options that the format does not have are refused by name; those that are None count as not given.
     """
     path = Path(path)
     said = {"manipulator": manipulator, "unit": unit, **options}

@@ -105,7 +105,7 @@ def read(
     Raises
     ------
     DemonstrationError
-        If the file cannot be read with these options; names row, column and what to do, with the command.
+        If the file cannot be read with these options; names row, column and remedy, with the command.
     OptionError
         If an option is out of range, or contradicts the file.
 
