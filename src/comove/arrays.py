@@ -16,7 +16,7 @@ ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
 
 
 def listed(values: ArrayLike, decimals: int) -> str:
-    """Return numbers as a list in words, such as ``[0.5, 0, 0.3]``. Rounding leaves no traces."""
+    """Return numbers as text like ``[0.5, 0, 0.3]``, without traces of rounding."""
     rounded = np.round(np.asarray(values, dtype=float), decimals) + 0.0  # one zero
     return f"[{', '.join(f'{value:.12g}' for value in rounded.tolist())}]"
 

@@ -187,7 +187,7 @@ class _Found(OptionalCode, JITCodeLibrary):
             codegen._engine.finalize_object()
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return the address of a function; 0 if it is not here."""
+        """Return the address of a function; 0 if it is not in the library."""
         is_there = self.has_code and name in self._symbols
         return self._codegen._engine.get_function_address(name) if is_there else 0
 

@@ -319,7 +319,7 @@ class _Callee(_Compiled):
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Disable garbage collection meanwhile. Each collection would visit all objects of the compiler."""
+    """Disable garbage collection in this context. Each collection would visit all objects of the compiler."""
     enabled = gc.isenabled()
     gc.disable()
     try:

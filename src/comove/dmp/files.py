@@ -95,7 +95,7 @@ class Primitive:
 
     @property
     def kind(self) -> str:
-        """Return the kind of the movement, as `kinds` names it."""
+        """Return the kind: position, pose, distribution, poses, average or cooperative."""
         return kind_of(self.dmp).name
 
     @property

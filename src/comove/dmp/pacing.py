@@ -74,7 +74,7 @@ class PacedDMP:
         return self._course(instants(time))[0]
 
     def pace_at(self, time: ArrayLike) -> Array:
-        """Return the pace relative to the movement's own at times [s]."""
+        """Return the pace relative to the movement's own at times [s]; shape (n_steps,)."""
         return self._course(instants(time))[1] * self.dmp.duration
 
     def rate(self, time: float, dt: float) -> float:

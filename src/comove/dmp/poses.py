@@ -432,7 +432,7 @@ class PoseDMP:
         return PoseState(replace(state.translation, goal=goal.position), turning, aside)
 
     def displaced(self, state: PoseState, pose: Pose) -> PoseState:
-        """Return the state of a body pushed to `pose`, if `axis` allows."""
+        """Return the state of a body pushed to `pose`; a fixed axis is kept."""
         pose = self._checked("pose", pose, tilted=True)
         undisturbed = self._orientation(state.turning.position)
         aside = rotations.turn_between(pose.orientation, undisturbed, state.aside.position)

@@ -97,10 +97,10 @@ def near_on_hull(table, j, solid, cutoff, near):
 
 @kernel
 def solid_gradient(table, j, x, y, z):
-    """Return a solid point's signed distance [m] and its gradient's components.
+    """Return a solid's signed distance [m] from obstacle `j` and its gradient.
 
-    The point is the solid's nearest one. Outside a polytope both come from the polytope's nearest point, not from its
-    planes.
+    Both are at the solid's nearest point (x, y, z). Outside a polytope both come from the polytope's nearest point,
+    not from its planes.
     """
     if table[j, KIND] == POLYTOPE:
         point, near, normal = np.empty((1, 3)), np.empty(3), np.array([1.0, 0.0, 0.0])

@@ -201,7 +201,7 @@ def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> l
 
 
 def _area(corners: Array) -> Array:
-    """Return twice the areas of triangles; array, shape (n,) [m^2]."""
+    """Return twice the areas of triangles (n, 3, 3); array, shape (n,) [m^2]."""
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 

@@ -61,7 +61,7 @@ def points_apart(p, q):
 
 @kernel(counted=False)
 def point_distance(table, j, x, y, z):
-    """Return the signed distance [m] of a point from obstacle `j`."""
+    """Return a point's signed distance [m] from obstacle `j`; negative inside."""
     kind = int(table[j, 0])
     x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
     a, b, c = table[j, 13], table[j, 14], table[j, 15]
@@ -109,11 +109,11 @@ def _farthest_plane(table, j, x, y, z):
 def _ellipsoid_normal(a, b, c, u, v, w):
     """Find the point of an ellipsoid nearest to a point.
 
-    Both are in the first octant, the ellipsoid is along the axes.
+    The ellipsoid is axis-aligned, the point in the first octant.
 
     The nearest point is r_i^2 p_i / (t + r_i^2), where t solves sum (r_i p_i / (t + r_i^2))^2 = 1; that sum is convex
-    and decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal
-    p_i / (t + r_i^2), and its length; the signed distance is t times the length.
+    and decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal p_i /
+    (t + r_i^2), and its length; the signed distance is t times the length.
     """
     u, v, w = max(u, TINY * a), max(v, TINY * b), max(w, TINY * c)
     least = min(a, b, c) ** 2

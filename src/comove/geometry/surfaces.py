@@ -256,7 +256,7 @@ def signed_distance(surfaces, mesh, points, cutoff):
 
 @kernel
 def point_distances(surfaces, mesh, points, cutoff, depths):
-    """Return distances [m] of points (n, 3) from a resting mesh.
+    """Return points' (n, 3) distances [m] from a mesh at 0 s.
 
     They are `cutoff` at most. Inside a solid they are 0, or with `depths` negative.
     """

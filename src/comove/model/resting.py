@@ -298,7 +298,7 @@ def _require_way(scene: Supported, end: str, rests: list[Rest]) -> None:
 
 
 def _told_apart(scene: Supported, rests: list[Rest]) -> tuple[Rest, ...]:
-    """Return contacts that are unambiguous for each obstacle.
+    """Return contacts; those of one obstacle share a direction or are far apart.
 
     Raises
     ------

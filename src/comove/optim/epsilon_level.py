@@ -20,7 +20,7 @@ from comove.optim.models import LinearModel
 
 @dataclass(frozen=True)
 class EpsilonLevel:
-    """Epsilon-level ranking with repair, robust for rough constraints.
+    """Epsilon-level ranking with repair: robust for rough constraints, else slower than the Lagrangian.
 
     Attributes
     ----------

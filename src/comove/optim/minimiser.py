@@ -192,8 +192,6 @@ def _answers(
 class Minimiser:
     """A constrained minimiser that is asked and told. Copies and pickles continue with exactly the same samples.
 
-    Copies and pickles continue with exactly the same samples.
-
     Parameters
     ----------
     x0 : array, shape (n,)

@@ -87,8 +87,6 @@ class IPOP:
 class BIPOP:
     """Restarts that alternate large and small populations (Hansen, 2009).
 
-    Both cost the same; small ones take small steps.
-
     Both kinds cost the same; small ones take small steps.
 
     Attributes

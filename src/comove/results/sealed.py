@@ -285,7 +285,7 @@ class ResultKind:
         loose: Collection[str] = (),
         truths: Collection[str] = (),
     ) -> None:
-        """Raise ResultError for arrays of other shapes or types, or not finite. `loose` ones need not be finite."""
+        """Raise ResultError for unsuitable arrays: of other shape or type, or not finite unless `loose`."""
         for name, shape in shapes.items():
             found, kind = arrays[name], np.dtype(bool if name in truths else float)
             if found.shape != shape or found.dtype != kind:

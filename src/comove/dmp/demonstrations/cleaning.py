@@ -79,12 +79,7 @@ def check_orientation(
 
 
 def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Return orientations with signs q or -q that make neighbours close. The second result is a note.
-
-    Signs q and -q are of the same orientation.
-
-    The first row keeps its sign.
-    """
+    """Return orientations without sign changes between neighbours, and a note."""
     flips = np.einsum("ij,ij->i", orientation[1:], orientation[:-1]) < 0.0
     if not flips.any():
         return orientation, ""

@@ -146,7 +146,7 @@ class _Track:
 
 
 def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> float:
-    """Return the deviation of a filtered velocity by white noise [m/s].
+    """Return the standard deviation of filtered velocity due to white noise [m/s].
 
     White noise of deviation s has the power 2 s^2 / rate at each frequency up to the Nyquist frequency;
     differentiation weights it by (2 pi f)^2, and the filter ends the integral near its cutoff.

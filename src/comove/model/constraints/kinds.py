@@ -100,7 +100,7 @@ class RelativePoseConstraint(PairConstraint):
         return f"the motion's coordinates do not hold the relative pose of {self.pair(names)}"
 
     def needs_body(self, ends: Array) -> bool:
-        """Return whether space, not the plane, requires a rigid body."""
+        """Return True in space; in the plane the pose is a distance."""
         return ends.shape[-1] == 3
 
 
@@ -330,12 +330,11 @@ class PoseConstraint(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class DirectionConstraint(PoseConstraint):
-    """A constraint that keeps a payload's direction near the world's.
+    """A constraint on a payload's direction: within `tolerance` of one of the world [rad].
 
     Attributes
     ----------
-      own, world : arrays, shape (3,), unit vectors in the world: where the
-    payload's direction is at the start, and the
+    own, world : arrays, shape (3,), unit vectors in the world: the payload's direction at the start, and the
         direction near which it stays
     by_mask : whether coordinates hold it; else the direction is free within the tolerance
     """

@@ -101,7 +101,7 @@ def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.
 
 
 def _days(texts: Sequence[str]) -> list[int]:
-    """Return days since 1970, in the densest order of day and month."""
+    """Return days since 1970; day and month are ordered such that dates are closest."""
     numbers = [tuple(map(int, re.split(r"[-/.]", text))) for text in texts]
     if all(one[0] > 31 for one in numbers):
         orders = [(0, 1, 2)]
