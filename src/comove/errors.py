@@ -39,7 +39,9 @@ class ComoveError(Exception):
 
 
 class InputError(ComoveError):
-    """Error in the user's input; the message is one sentence. The parts of the sentence are attributes.
+    """Error in the user's input; the message is one sentence.
+
+    The parts of the sentence are attributes.
 
     Parameters
     ----------
@@ -219,7 +221,9 @@ class SendError(RobotError):
 
 
 class OptionError(InputError):
-    """Option or argument outside its range. The message states the range, or the known names.
+    """Option or argument outside its range.
+
+    The message states the range, or the known names.
 
     Examples
     --------

@@ -339,7 +339,7 @@ class Scene:
         return tuple(scenes)
 
     def put_down(self, choice: GraspOption, angle: float = 0.0) -> Scene:
-        """Return the scene in one choice, with a free goal turned [rad].
+        """Return the scene in one choice; a free goal is turned from the nearest one [rad].
 
         Raises
         ------

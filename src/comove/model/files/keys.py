@@ -351,7 +351,7 @@ class PolygonLoad(Gripped):
 
 
 class BoxLoad(Gripped):
-    """A solid box of edge lengths `size` [m], in its frame's centre. In the plane it is a rectangle."""
+    """A solid box of edge lengths `size` [m], centred on its frame. In the plane it is a rectangle."""
 
     shape: Literal["box"]
     size: Sizes
