@@ -207,7 +207,6 @@ def _header(message: Mapping[str, Any], path: Path, key: str) -> SimpleNamespace
 
 
 def _stamp(stamp: Any, path: Path, key: str) -> tuple[int, int]:
-    """Return the whole seconds and nanoseconds of a stamp."""
     try:
         if isinstance(stamp, dict):
             sec = next((stamp[name] for name in ("sec", "secs", "seconds") if name in stamp), 0)
