@@ -1,4 +1,6 @@
-"""Coordinated dynamic movement primitives: several manipulators carry one load, verified in continuous time.
+"""Coordinated dynamic movement primitives for manipulators that share a payload.
+
+Motions are verified in continuous time.
 
 >>> import comove
 >>> scene = comove.Scene.load("narrow.yaml")             # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""Packages whose names are loaded on first use, so that a command loads only the modules that it needs."""
+"""Packages that load their names on first use. A command thus loads only the modules that it needs."""
 
 from __future__ import annotations
 

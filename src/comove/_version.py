@@ -1,3 +1,3 @@
-"""The version, alone in a file so that packaging can read it without importing anything."""
+"""Version of comove, which packaging reads without importing the package."""
 
 __version__ = "0.1.0"

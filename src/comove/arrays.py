@@ -1,8 +1,7 @@
-"""Arrays: their types, and which of their values is the largest, where rounding must not decide.
+"""Array types, and extreme values whose choice does not depend on rounding.
 
-Hands, joints and obstacles that mirror each other give values that are equal but for the last digit, and that digit
-depends on the processor. Messages and decisions must not depend on it: values that differ only by rounding count as
-equal, and the first is taken.
+End effectors, joints and obstacles that mirror each other give values that differ only in the last digit, and that
+digit depends on the processor. Values that differ only by rounding count as equal here, and the first is returned.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
 
 
 def listed(values: ArrayLike, decimals: int) -> str:
-    """Return numbers as a file lists them, without traces of rounding, such as ``[0.5, 0, 0.3]``."""
+    """Return numbers as text like ``[0.5, 0, 0.3]``, without traces of rounding."""
     rounded = np.round(np.asarray(values, dtype=float), decimals) + 0.0  # one zero
     return f"[{', '.join(f'{value:.12g}' for value in rounded.tolist())}]"
 
 
 def first_largest(values: ArrayLike) -> int:
-    """Return the first index in the flattened array of a value as large as the largest; nan counts as largest."""
+    """Return the first index of the largest value, up to rounding; nan counts as largest."""
     values = np.asarray(values, dtype=float).ravel()
     best = int(np.argmax(values))
     if not np.isfinite(values[best]):
@@ -33,5 +32,5 @@ def first_largest(values: ArrayLike) -> int:
 
 
 def first_least(values: ArrayLike) -> int:
-    """Return the first index in the flattened array of a value as small as the least; nan counts as least."""
+    """Return the first index of the least value, up to rounding; nan counts as least."""
     return first_largest(-np.asarray(values, dtype=float))

@@ -1,4 +1,4 @@
-"""Representations of one line for objects that hold arrays, as notebooks and debuggers print them."""
+"""One-line representations of objects that hold arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from comove.errors import shortened
 def brief(thing: Any) -> str:
     """Return a dataclass as one line, arrays by their shapes.
 
-    A class takes it by ``__repr__ = brief``. Fields that are None, or not part of a representation, are left out.
+    Use it as ``__repr__ = brief``. Fields that are None, or not part of a representation, are left out.
     """
     values = {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing) if field.repr}
     told = [f"{name}={_value(value)}" for name, value in values.items() if value is not None]

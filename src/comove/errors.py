@@ -1,7 +1,7 @@
-"""The exceptions and warnings of comove, and helpers that word their messages.
+"""Exceptions and warnings of comove, and helpers for their messages.
 
-Every error that a user can cause is an :class:`InputError`: it carries the file, the key and the
-value that are wrong and how to correct them, and reads as one sentence.
+Every error that a user can cause is an :class:`InputError`: it holds the file, the key, the wrong value and its
+correction, and reads as one sentence.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ MOST_KNOWN = 100
 
 
 class ComoveError(Exception):
-    """Root class of all exceptions that comove raises on purpose; whoever catches it catches them all.
+    """Base class of all exceptions that comove raises on purpose.
 
-    What anybody can mend is an `InputError`, a missing package an `ExtraError`. Anything else that is raised is a
-    defect of comove: please report it.
+    An `InputError` can be fixed by the user, an `ExtraError` by installing a package. Any other exception is a bug of
+    comove: please report it.
 
     Examples
     --------
@@ -39,20 +39,20 @@ class ComoveError(Exception):
 
 
 class InputError(ComoveError):
-    """Raised when the user's input is wrong; the message is one sentence.
+    """Error in the user's input; the message is one sentence.
 
-    Mend what it names. A program that calls comove finds the parts of the sentence as attributes.
+    The parts of the sentence are attributes.
 
     Parameters
     ----------
     message
-        What is wrong, with the wrong value.
+        The error, with the wrong value.
     file
         The file that holds the wrong value.
     key
         The place in the file: a dotted key, a row, an option.
     way_out
-        What to write instead.
+        The correction.
 
     Examples
     --------
@@ -78,11 +78,11 @@ class InputError(ComoveError):
 
 
 class DemonstrationError(InputError):
-    """Raised when a recording cannot be read or used.
+    """Recording that cannot be read or used.
 
-    The file is of another format than its name says, cells are missing or no numbers, time stands still, or one file
-    holds several recordings. Mend it by saying what comove cannot know: columns and unit of a table, or which of
-    several recordings is meant; leave out rows with missing cells.
+    The format does not match the file name, cells are empty or not numeric, time does not advance, or one file holds
+    several recordings. Name the columns and the unit of a table, or which of several recordings is meant; leave out
+    rows with missing cells.
 
     Examples
     --------
@@ -100,10 +100,10 @@ class DemonstrationError(InputError):
 
 
 class LibraryError(InputError):
-    """Raised when a primitive's file, or a library of primitives, cannot be read, written or used.
+    """Primitive or library that cannot be read, written or used.
 
-    The file is missing, cut off, edited (its checksum tells) or of another basis, or the library has no movement of
-    that name. Mend it by learning the movement again from its recording, whose checksum the file holds.
+    The file is missing, truncated, edited (its checksum differs) or of another basis, or the library has no movement
+    of that name. Learn the movement again from its recording, whose checksum the file holds.
 
     Examples
     --------
@@ -115,10 +115,10 @@ class LibraryError(InputError):
 
 
 class SceneError(InputError):
-    """Raised when a scene file, or a scene, contradicts itself or breaks the rules of the format.
+    """Scene that contradicts itself or violates the format.
 
-    Mend the key that is named, in the line that is named. Frequent: hands that are not as far apart as the load is
-    long, ends inside an obstacle, a duration that the limits do not allow, a misspelt key.
+    Correct the named key in the named line. Frequent causes: end effectors whose distance differs from the payload's
+    length, a start or goal inside an obstacle, a duration that the limits do not allow, a misspelt key.
 
     Examples
     --------
@@ -139,10 +139,10 @@ class SceneError(InputError):
 
 
 class MeshError(InputError):
-    """Raised when a mesh cannot be used.
+    """Mesh that cannot be used.
 
-    The file is cut off, holds what is no number, or has more triangles than comove takes. Mend it by writing it anew
-    from the program that made it, or by giving a simpler mesh: as a load, its hull will do.
+    The file is truncated, holds values that are not numbers, or has too many triangles. Export it again, or give a
+    simpler mesh: for a payload, its convex hull.
 
     Examples
     --------
@@ -154,10 +154,10 @@ class MeshError(InputError):
 
 
 class ResultError(InputError):
-    """Raised when a result folder is missing, incomplete or edited, or cannot be written.
+    """Result folder that is missing, incomplete or edited, or cannot be written.
 
-    Checksums tell whether a file has been edited since comove wrote it. Mend it by solving again, or by naming the
-    folder that `comove solve` wrote; a folder that holds anything else is never replaced.
+    Checksums reveal files edited since comove wrote them. Solve again, or name the folder that `comove solve` wrote;
+    a folder that holds anything else is never replaced.
 
     Examples
     --------
@@ -169,10 +169,10 @@ class ResultError(InputError):
 
 
 class RobotError(InputError):
-    """Raised when a robot's description or model cannot be used, or when a motion does not belong to the robot.
+    """Robot model that cannot be used, or motion of another robot.
 
-    `comove robot check FILE` lists all that is wrong in a description, and draws what the arms reach: start and goal
-    of a scene must lie where all of them reach.
+    `comove robot check FILE` lists all errors of a description and draws the workspace of the arms: start and goal of
+    a scene must be within reach of all of them.
 
     Examples
     --------
@@ -184,10 +184,10 @@ class RobotError(InputError):
 
 
 class ExportError(RobotError):
-    """Raised when a motion cannot be exported, or not to this place.
+    """Motion that cannot be exported, or not to this place.
 
-    Only what was verified in joint space is exported, never over files that are there, and never so coarsely that
-    interpolation bends the load. Mend it by `comove solve`, another folder or a higher rate.
+    Only motions verified in joint space are exported, never over existing files, and never so coarsely that
+    interpolation bends the payload. Run `comove solve`, or give another folder or a higher rate.
 
     Examples
     --------
@@ -200,11 +200,11 @@ class ExportError(RobotError):
 
 
 class SendError(RobotError):
-    """Raised when a motion was not begun on a robot, or did not end well.
+    """Motion that was not started, or did not end well.
 
-    A controller, the joints' states or ROS itself are not found, the clocks differ, the robot is not at the motion's
-    start, or it strays from the motion. `outcome` is None if nothing has moved; else it says how far each arm came,
-    and all arms were told to stop: look at the robot before anything else.
+    A controller, the joint states or ROS itself are missing, the clocks differ, the robot is not at the motion's
+    start, or it deviates from the motion. `outcome` is None if nothing has moved; otherwise it says how far each arm
+    came, and all arms were commanded to stop: inspect the robot before anything else.
 
     Examples
     --------
@@ -221,9 +221,9 @@ class SendError(RobotError):
 
 
 class OptionError(InputError):
-    """Raised when an option or argument is outside its range.
+    """Option or argument outside its range.
 
-    The message says the range, or the names that are known.
+    The message states the range, or the known names.
 
     Examples
     --------
@@ -237,7 +237,7 @@ class OptionError(InputError):
 
 
 class ExtraError(ComoveError):
-    """Raised when an optional package is not installed; the message holds the command that installs it.
+    """Missing optional package; the message holds the command that installs it.
 
     Parameters
     ----------
@@ -265,10 +265,11 @@ class ExtraError(ComoveError):
 
 
 class ComoveWarning(UserWarning):
-    """Issued when a value was changed or looks wrong, and the user should know.
+    """Warning about a value that was changed or looks wrong.
 
-    An end was moved onto the load's length, a mesh was repaired, noise was removed. Nothing needs to be done if that
-    is what was meant. `warnings.simplefilter("error", comove.errors.ComoveWarning)` makes errors of them.
+    For example, an end effector was moved to fit the payload, a mesh was repaired, or noise was removed. Nothing
+    needs to be done if that is intended. `warnings.simplefilter("error", comove.errors.ComoveWarning)` turns them
+    into errors.
 
     Examples
     --------
@@ -282,7 +283,7 @@ class ComoveWarning(UserWarning):
 
 
 def kinds() -> dict[str, type[ComoveError] | type[ComoveWarning]]:
-    """Return all classes of errors and warnings by their names, in the order in which they stand in this file."""
+    """Return all exception and warning classes by name, in source order."""
     return {
         name: kind
         for name, kind in globals().items()
@@ -291,7 +292,7 @@ def kinds() -> dict[str, type[ComoveError] | type[ComoveWarning]]:
 
 
 def shortened(text: str, limit: int = 120) -> str:
-    """Return a text without its middle where it is longer than `limit` characters.
+    """Return a text, its middle left out beyond `limit` characters.
 
     >>> shortened("9" * 1000, 20)
     '9999999999...9999999'
@@ -300,16 +301,16 @@ def shortened(text: str, limit: int = 120) -> str:
 
 
 def readable(message: str) -> str:
-    """Return a message in which long words, and the message as a whole, are shortened so that it can be read."""
+    """Return a message with long words, and the message itself, shortened."""
     words = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: shortened(word[0]), message)
     return shortened(words, LONGEST_MESSAGE)
 
 
 def printable(text: str) -> str:
-    """Return a text in one line, whose unprintable characters are escaped as Python does.
+    """Return a text in one line, unprintable characters escaped as in Python.
 
-    A terminal shows it safely, whatever file it comes from. Bytes of a path that the environment's encoding lacks are
-    shown as the letters that they are in UTF-8.
+    It is safe to print in a terminal. Path bytes that the environment's encoding lacks are shown as their UTF-8
+    letters.
 
     >>> printable("over\\x1b[2Jwritten")
     'over\\\\x1b[2Jwritten'
@@ -320,9 +321,9 @@ def printable(text: str) -> str:
 
 
 def letters(text: str) -> str:
-    """Return a text in which the bytes of a path that stand for themselves are letters, as UTF-8 has them.
+    """Return a text with surrogate-escaped path bytes decoded as UTF-8.
 
-    Where an environment's encoding lacks letters, Python has bytes of paths in their places.
+    Python keeps bytes of paths in that form where the environment's encoding lacks the letters.
 
     >>> letters("gro\\udcc3\\udc9f")
     'groß'
@@ -335,16 +336,16 @@ def letters(text: str) -> str:
 
 
 def plain(message: str) -> str:
-    """Return a message whose unprintable characters are escaped as Python does, so that a terminal shows it safely.
+    """Return a message that is safe to print in a terminal.
 
-    An indented line continues the message. A line that is not indented comes from quoted text: its line break is
-    escaped too.
+    Unprintable characters are escaped as in Python. An indented line continues the message; a line that is not
+    indented comes from quoted text, so its line break is escaped too.
     """
     return "\n".join(map(printable, re.split(r"\n(?=  )", message)))
 
 
 def near_name(name: str, names: Iterable[str]) -> str:
-    """Return a sentence that suggests the known name nearest to `name` and lists the known `names`.
+    """Return a sentence that suggests the nearest name and lists all.
 
     >>> near_name("raduis", ["center", "radius"])
     "did you mean 'radius'? known: center, radius"
@@ -356,7 +357,7 @@ def near_name(name: str, names: Iterable[str]) -> str:
 
 
 def listed(names: Sequence[str], most: int = MOST_KNOWN) -> str:
-    """Return names in one line, and how many are left out beyond `most`.
+    """Return names in one line, shortened to `most` with a count.
 
     >>> listed(["a", "b", "c", "d"], 2)
     'a, b and 2 more'

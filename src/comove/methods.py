@@ -1,4 +1,4 @@
-"""The names of methods, and where their classes are; loads none of them."""
+"""Names of methods and the places of their classes; loads none."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class MethodName:
 
     @property
     def is_compared(self) -> bool:
-        """Return whether it is a system of others, for comparison."""
+        """Return whether it is a method of others, for comparison."""
         return self.place.startswith("comove.lab.compared.")
 
     @property

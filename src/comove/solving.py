@@ -1,4 +1,4 @@
-"""`solve` and `Executor`, each one call, with a robot and without: the scene says which."""
+"""`solve` and `Executor` for scenes with and without a robot."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ def solve(
     stop: Callable[[], bool] | None = None,
     found: Callable[[VerifiedJointMotion], None] | None = None,
 ) -> Solution:
-    """Find a verified motion for a scene, and the joints of the robot that it names.
+    """Find a verified motion for a scene, and its robot's joint motion.
 
     Parameters
     ----------
     scene
         Scene to solve.
     robot
-        The robot whose joints carry the motion out, or its name; what the scene says unless given. False leaves the
+        The robot that executes the motion, or its name; by default, the scene's. False leaves the
         joints out: the motion is of the end effectors alone.
     demonstration
         Movement of a single manipulator, of the scene's dimension, or one for each by its name. It is a start for
-        the search, and the result resembles it if `LeastJerk` or `PaperCost.resemblance` asks for that. Demonstrated
+        the search, and the result resembles it with `LeastJerk` or `PaperCost.resemblance`. Demonstrated
         poses are those of a payload that turns and that all end effectors hold. A distribution is followed where
         people agree: `LeastJerk` weights deviations from its mean by its precision at every instant; with a robot its
         mean is followed.
@@ -92,11 +92,11 @@ def solve(
     checks
         Further checks that a motion must pass to be verified.
     effort
-        How hard the search tries to better a verified motion: "quick" makes one path smooth, "normal" several,
+        How long the search improves a verified motion: "quick" makes one path smooth, "normal" several,
         "thorough" three times as many; or an `EffortLevel`. For comove's own method.
     begin
         The robot's joints at the start, where it holds the payload already: the motion begins there. Some that suit
-        are found unless given, and wherever the scene leaves the grasp open. As `present`, by name or an array.
+        are found unless given, and where the scene leaves the grasp open. As `present`, by name or an array.
     present
         The robot's joints now, from which it will approach the payload: by name, or an array, shape (n_joints,)
         [rad, m]; home unless given. Of the joints that hold the payload at the start, those nearer come first.
@@ -109,15 +109,15 @@ def solve(
     stop
         Function that returns whether the search shall end with the best so far; it is asked often.
     found
-        Function that is called with every joint motion that is verified on the way.
+        Function that is called with every verified joint motion during the search.
 
     Raises
     ------
     OptionError
-        If an argument is out of range, or is of a robot where none carries.
+        If an argument is out of range, or is of a robot where there is none.
     SceneError, RobotError
-        If the robot cannot hold the payload at its start or goal, leaves no room there for an approach or a release
-        that is asked for, or has no such arms; or if present joints are not the robot's, or touch something.
+        If the robot cannot hold the payload at its start or goal, leaves no room there for a required approach or
+        release, or has no such arms; or if present joints are not the robot's, or touch something.
     ExtraError
         If a robot is named, and robots are not installed.
 
@@ -166,11 +166,11 @@ def solve(
 
 
 def robot_of(scene: Scene, robot: Robot | str | Literal[False] | None = None) -> Robot | None:
-    """Return the robot that carries out motions of a scene; None where none does.
+    """Return the robot that executes motions of a scene, or None.
 
     Parameters
     ----------
-    robot : a robot, or its name or description's path; what the scene says unless given. False for none
+    robot : a robot, or its name or description's path; by default the scene's. False for none
 
     Raises
     ------
@@ -209,13 +209,13 @@ def Executor(  # it is called as the classes are whose objects it returns
     period: float | None = None,
     demonstration: Any = None,
 ) -> FreeExecutor | JointExecutor:
-    """Return the executor of a scene: of its end effectors, or of the joints of the robot that it names.
+    """Return the executor of a scene, or of the robot it names. Without a robot it moves free end effectors.
 
     Parameters
     ----------
     scene : the scene; obstacles may move
-    observer : observer of the obstacles; unless given one that knows their motions, and with a robot one that sees
-        places and velocities
+    observer : observer of the obstacles; by default the scene's motions, with a robot measured positions and
+        velocities
     robot, seed : as of `solve`
     period : control period [s]; 0.01 unless given, of a robot 0.004
     demonstration : a movement of one end effector, or one for each, that plans should resemble; without a robot
@@ -229,7 +229,7 @@ def Executor(  # it is called as the classes are whose objects it returns
     OptionError
         If an argument is out of range, or a demonstration is given with a robot.
     SceneError, RobotError
-        If the robot cannot hold the payload at its start or goal, or no motion is found among what stands.
+        If the robot cannot hold the payload at its start or goal, or no motion is found among static obstacles.
     """
     if (arms := robot_of(scene, robot)) is None:
         from comove.control import Executor as FreeExecutor

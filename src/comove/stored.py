@@ -1,8 +1,8 @@
-"""Verification of the parts of a result folder: the one place that decides what they are verified against.
+"""Verification of result folders against a trusted scene and robot.
 
-A part is verified against the scene and the robot that the caller trusts. Without a trusted scene it is verified
-against the folder's own, and without a trusted robot for the one that the scene names; `against` says so. Nothing
-else in a folder may loosen what it is verified by. Measures are told in words, for the command line and for pages.
+Without a trusted scene a part is verified against the folder's own, and without a trusted robot against the one that
+the scene names; `against` states it. Nothing else in a folder may loosen its verification. Measures are given in
+words, for the command line and for pages.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ _SIMULATION: tuple[_Described, ...] = (
 
 
 def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[Row]:
-    """Return what is proved of a motion at every instant: of what, by how much, and what the scene asks for.
+    """Return a motion's quantities, bounds over all instants, and requirements in words.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
 
 
 def support_words(scene: Scene) -> list[str]:
-    """Return the resting contacts of a scene, and where they end, in words."""
+    """Return the resting contacts of a scene, and their ends, in words."""
     told = []
     for rest in scene.rests:
         along = ", ".join(f"{x:.3g}" for x in rest.normal[: scene.n_dims] + 0.0)
@@ -131,7 +131,7 @@ def support_words(scene: Scene) -> list[str]:
 
 
 def joint_rows(report: Mapping[str, Any]) -> list[Row]:
-    """Return what is proved of a robot's joints at every instant, as `motion_rows`.
+    """Return the bounds proved for a robot's joints, as `motion_rows`.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def joint_rows(report: Mapping[str, Any]) -> list[Row]:
 
 
 def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
-    """Return the measures of a simulation from its summary, as `motion_rows`; none of them is a proof."""
+    """Return the measures of a simulation, as `motion_rows`; none is proved."""
     rows = _rows(_SIMULATION, summary)
     if simulator := summary.get("simulator"):
         rows.insert(0, ("simulated by", str(simulator), ""))
@@ -154,18 +154,18 @@ def run_rows(measures: Mapping[str, Any]) -> list[Row]:
 
 
 def gripper_rows(arms: Iterable[str] | None) -> list[Row]:
-    """Return in words which arms have no gripper in their description; nothing where all have one."""
+    """Return the arms without a gripper in their description, in words."""
     named = ", ".join(f"'{arm}'" for arm in arms or ())
     return [("grippers", f"none in the description at {named}: not verified", "")] if named else []
 
 
 def beyond_rounding(value: float) -> float:
-    """Return a deviation [m or rad], 0 where it is nothing but rounding."""
+    """Return a deviation [m or rad], 0 if it is only rounding."""
     return 0.0 if abs(value) < ROUNDING else value
 
 
 def limits_row(scene: Scene) -> list[str]:
-    """Return in one line which limits of the hands a scene sets; empty where it sets none."""
+    """Return the end effectors' limits of a scene in one line. It is empty where the scene sets none."""
     limits = scene.file.limits
     said = [
         _limit(limits.speed, "m/s"),
@@ -192,7 +192,7 @@ def _limit(value: float | None, unit: str) -> str:
 
 
 class ResultPart(Enum):
-    """A part of a result folder, with the name of its summary, and what it is called."""
+    """A part of a result folder: its summary and its label."""
 
     MOTION = "solution.json", "the hands"
     JOINTS = "robot.json", "the robot"
@@ -246,19 +246,19 @@ class Verification:
 
     Attributes
     ----------
-    part : what was verified
-    scene : the scene that it was verified against
-    against : where scene and robot are from, in words, what is not trusted first
-    reasons : why it is not verified, in words
-    rows : measures: of what, by how much, and what is asked for
+    part : verified part
+    scene : scene that it was verified against
+    against : where scene and robot are from, in words, untrusted ones first
+    reasons : reasons against verification, in words
+    rows : measures: quantity, value, requirement
     summary : contents of the part's summary, as stored
-    report : measures of the hands, where they are a motion or an execution
-    motion : motion of the hands; None for runs, and where it cannot be rebuilt
-    record : what happened in an execution of hands
+    report : measures of the end effectors' motion or execution
+    motion : motion of the end effectors; None for runs, and where it cannot be rebuilt
+    record : record of an execution of end effectors
     robot, joints : a robot, and its motion, if it is one of this robot's joints
     verified_joints : the joint motion, if it is verified
     series : arrays of a simulation, if it is one of this motion
-    online : what happened in an online run of a robot
+    online : record of an online run of a robot
     """
 
     __repr__ = brief
@@ -285,12 +285,12 @@ class Verification:
 
     @property
     def is_hands_alone(self) -> bool:
-        """Return whether the scene names a robot, and no joint of it was looked at."""
+        """Return whether the scene names a robot, but no joints were verified."""
         return self.scene.file.robot is not None and self.part in (ResultPart.MOTION, ResultPart.RUN)
 
     @property
     def verified(self) -> bool:
-        """Return whether nothing speaks against it."""
+        """Return whether there are no reasons against it."""
         return not self.reasons
 
 
@@ -306,24 +306,24 @@ def verify(
     Parameters
     ----------
     thing
-        A `comove.model.CoordinatedMotion`, or a `Solution`: the motion of its end effectors and, where a robot
-        carries, of its joints; or the verified motion of either. Or the record of an execution, as of
-        `comove.Executor(scene).run`. Or the path of a result folder.
+        A `comove.model.CoordinatedMotion`, or a `Solution`: the motion of its end effectors and, with a robot, of its
+        joints; or the verified motion of either. Or the record of an execution, as of `comove.Executor(scene).run`.
+        Or the path of a result folder.
     scene, robot
         The scene, and the robot, that you trust, or the paths of their files; those that the folder names unless
         given. Of folders only.
     checks
-        Further checks of a motion of end effectors, whether or not joints carry it out.
+        Further checks of a motion of end effectors, with or without joints.
 
     Returns
     -------
-    Verdict of the motion, JointVerdict where joints carry it out, `Verification` of an execution, or one for each
+    `Verdict` of the motion, `JointVerdict` if it has joints, `Verification` of an execution, or one for each
     part of the folder
 
     Raises
     ------
     OptionError
-        If it is nothing of the kind, or an argument is of something else.
+        If it is none of these, or an argument does not apply to it.
     ResultError
         If a part of the folder is missing, incomplete or unreadable.
     """
@@ -354,7 +354,7 @@ def verify(
 
 
 def _motion_of(thing: Any) -> tuple[CoordinatedMotion | None, tuple[Robot, JointMotion] | None]:
-    """Return the motion of something, and the robot and joints that carry it out; None for what has none."""
+    """Return a motion, and its robot and joints; None where missing."""
     motion, joints = getattr(thing, "motion", None), getattr(thing, "joints", None)
     if isinstance(thing, (CoordinatedMotion, VerifiedMotion)):
         return (thing if isinstance(thing, CoordinatedMotion) else thing.motion), None
@@ -368,7 +368,7 @@ def _motion_of(thing: Any) -> tuple[CoordinatedMotion | None, tuple[Robot, Joint
 
 
 def _verified_execution(record: Any, checks: Sequence[Check]) -> Verification:
-    """Return the verification of the record of an execution, or refuse what is none."""
+    """Verify the record of an execution, or raise if it is none."""
     from comove.verification.record import Record, RecordSamples, verify_execution
 
     is_online = hasattr(record, "commanded") and hasattr(record, "measured")  # a robot, as a simulator saw it
@@ -457,7 +457,7 @@ def verify_folder(
     RobotError
         If no robot may be trusted, or it cannot be loaded.
     ExtraError
-        If a part needs what is not installed.
+        If a part needs a missing package.
     """
     stored = _Folder(Path(folder), scene, robot)
     return tuple(stored.verify(part) for part in parts_of(Path(folder)))
@@ -471,14 +471,13 @@ def verify_part(
 
 
 class _Folder:
-    """A result folder, and what its parts are verified against."""
+    """A result folder, and the scene and robot for its verification."""
 
     def __init__(self, folder: Path, scene: Scene | None, robot: Robot | str | Path | None):
         self.folder, self.robot = folder, robot
         self.given = reference_of(folder, scene)
 
     def verify(self, part: ResultPart) -> Verification:
-        """Verify one part."""
         return {
             ResultPart.MOTION: lambda: self.hands,
             ResultPart.JOINTS: lambda: self.carried,
@@ -489,17 +488,15 @@ class _Folder:
 
     @cached_property
     def result(self) -> StoredResult:
-        """Return the stored motion of the hands."""
         return read_result(self.folder)
 
     @cached_property
     def reference(self) -> Reference:
-        """Return what the hands' motion is verified against, whose open duration and grasp are the result's."""
+        """Return the reference of the motion. An open duration and an open grasp are those of the result."""
         return self.given.for_result(self.folder, self.result.summary)
 
     @cached_property
     def source(self) -> RobotSource:
-        """Return the robot."""
         return _robots().robot_of(self.folder, self.reference, self.robot)
 
     @cached_property
@@ -510,7 +507,7 @@ class _Folder:
 
     @cached_property
     def hands(self) -> Verification:
-        """Return the verification of the hands' motion."""
+        """Return the verification of the end effectors' motion."""
         reference = self.reference
         scene, verdict = reference.scene, verify_result(self.result, reference.scene)
         try:

@@ -73,7 +73,7 @@ class PoseTrajectory(Trajectory):
 
     @property
     def rotation(self) -> Rotation:
-        """Return the orientations as SciPy's `Rotation`, of shape (n_steps,) or (n_steps * n_manipulators,)."""
+        """Return the orientations as SciPy's `Rotation`. Its shape is (n_steps,) or (n_steps * n_manipulators,)."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.orientation.reshape(-1, 4), scalar_first=True)

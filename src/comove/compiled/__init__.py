@@ -1,4 +1,4 @@
-"""Functions compiled by numba: `kernel`, a decorator, and what kernels are made with."""
+"""Functions compiled by numba: the decorator `kernel` and its parts."""
 
 from comove.compiled.kernels import Question, copy_to, kernel
 

@@ -1,15 +1,14 @@
-"""Compiled functions on disk, safe against damaged files and folders that cannot be written.
+"""Cache of compiled functions, safe against damaged files and unwritable folders.
 
-numba keeps compiled functions beside the sources, in the user's cache or in NUMBA_CACHE_DIR. By itself it fails on
-a truncated file, on a full disk, and where none of the three folders can be written; it runs machine code that was
-damaged; and two processes that compile two signatures of one function at the same time can load each other's code.
-Here every file carries a checksum of its contents and its signature: a damaged file is compiled again, and where no
-folder can be written comove runs without a cache.
+numba keeps compiled functions beside the sources, in the user's cache or in NUMBA_CACHE_DIR. By itself it fails on a
+truncated file, on a full disk, and where none of the three folders can be written; it runs damaged machine code; and
+two processes that compile two signatures of one function at the same time can load each other's code. Here every file
+carries a checksum of its contents and its signature: a damaged file is compiled again, and where no folder can be
+written comove runs without a cache.
 
-numba keeps what it has compiled until the file of the function itself changes. But the code of small functions
-becomes part of their callers, and values of modules become constants, wherever they are written. To the signature
-therefore belongs a fingerprint of all that the code depends on: the code of what it calls, and the values that all of
-it takes from modules.
+numba reuses compiled code until the file of the function itself changes. But the code of small functions is inlined
+into their callers, and values of modules become constants, wherever they are defined. The signature therefore
+includes a fingerprint of all that the code depends on: the functions it calls, and the values it takes from modules.
 """
 
 from __future__ import annotations
@@ -55,12 +54,13 @@ LIBRARIES = frozenset({"builtins", "llvmlite", "math", "numba", "numpy", "scipy"
 
 
 def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
-    """Return a checksum of all that the compiled code of a function depends on.
+    """Return a checksum of everything a function's compiled code depends on.
 
     Parameters
     ----------
     function : a Python function
-    argument_types : numba's types of its arguments: named tuples, which choose what answers a question, and functions
+    argument_types : numba's types of its arguments: named tuples, which select the kernels of a `Question`, and
+        functions
     """
     argument_types = list(argument_types)
     kinds, reached = _kinds(argument_types), dict[Callable, bytes]()
@@ -78,7 +78,7 @@ def fingerprint(function: Callable, argument_types: Iterable[Any] = ()) -> str:
 
 
 def _kinds(types: Iterable[Any]) -> list[type]:
-    """Return the classes of named tuples among numba's types, and within them, each once."""
+    """Return the named-tuple classes among numba's types, nested ones included."""
     found = dict[type, None]()
     for one in types:
         kind = getattr(one, "instance_class", None)
@@ -88,7 +88,7 @@ def _kinds(types: Iterable[Any]) -> list[type]:
 
 @cache
 def _own(function: Any) -> tuple[bytes, tuple[Callable, ...]]:
-    """Return a checksum of a function without those that it calls, and these."""
+    """Return a function's checksum without its callees, and the callees."""
     code, words, called = function.__code__, list[str](), list[Callable]()
     known = {**function.__globals__, **_free(function)}
     for part in _codes(code):
@@ -103,7 +103,7 @@ def _own(function: Any) -> tuple[bytes, tuple[Callable, ...]]:
 
 
 def _free(function: Any) -> dict[str, Any]:
-    """Return the values that a function takes from what it is defined in; those not defined yet are left out."""
+    """Return the values of a function's closure, except those not yet defined."""
     found = {}
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
@@ -114,7 +114,6 @@ def _free(function: Any) -> dict[str, Any]:
 
 
 def _codes(code: CodeType) -> list[CodeType]:
-    """Return a code, and those of the functions and comprehensions that are defined in it."""
     return [code, *(inner for part in code.co_consts if isinstance(part, CodeType) for inner in _codes(part))]
 
 
@@ -124,7 +123,7 @@ def _constants(code: CodeType, docstring: str | None) -> list[str]:
 
 
 def _describe(value: Any, names: tuple[str, ...], words: list[str], called: list[Callable]) -> None:
-    """Add the words that describe a value of a module, and the functions in it.
+    """Add words that describe a module's value, and its functions.
 
     Parameters
     ----------
@@ -165,13 +164,14 @@ _told = False
 
 
 class _Found(OptionalCode, JITCodeLibrary):
-    """The library of a compiled function on disk: its machine code is loaded, its LLVM code only for its callers.
+    """The library of a compiled function on disk.
 
-    numba parses the LLVM code of every function that it loads, to list its symbols, which takes most of the time.
+    Its machine code is loaded, its LLVM code only for its callers. numba parses the LLVM code of every function that
+    it loads, to list its symbols, which takes most of the time.
 
     Parameters
     ----------
-    machine_code, llvm_code : what `CodeLibrary.serialize_using_object_code` returns
+    machine_code, llvm_code : as `CodeLibrary.serialize_using_object_code` returns them
     symbols : names of the functions in it
     """
 
@@ -187,7 +187,7 @@ class _Found(OptionalCode, JITCodeLibrary):
             codegen._engine.finalize_object()
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return where a function begins; 0 if it is not in the library."""
+        """Return the address of a function; 0 if it is not in the library."""
         is_there = self.has_code and name in self._symbols
         return self._codegen._engine.get_function_address(name) if is_there else 0
 
@@ -199,27 +199,27 @@ class _Found(OptionalCode, JITCodeLibrary):
 
 @cache
 def _offer_runtime() -> None:
-    """Let compiled functions find what allocates and frees their arrays, as numba does before it compiles any."""
+    """Register numba's array allocation for functions loaded before any is compiled."""
     for name, address in _nrt_python.c_helpers.items():
         llvm.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 @cache
 def _load_extensions(target_context: Any) -> None:
-    """Load all that numba knows of types and functions, and how it compiles named tuples by their address."""
+    """Load numba's extensions and the lowering of shared tuples."""
     import_module("comove.compiled.lowering")
     target_context.refresh()
 
 
 class _Reader(pickle.Unpickler):
-    """Reads what numba has written, without the modules of what became part of compiled functions."""
+    """An unpickler that does not import the modules of inlined functions."""
 
     def find_class(self, module: str, name: str) -> Any:
         return _environment if name == "_rebuild_env" else super().find_class(module, name)
 
 
 def _environment(module: str, constants: Any, name: str) -> Environment:
-    """Return the constants of a function in machine code; only what runs in Python would need its module."""
+    """Return the constants of a function in machine code. Only Python objects in it would need its module."""
     found = Environment._memo.get(name)
     if found is None:
         found = Environment(vars(sys.modules[module]) if module in sys.modules else {"__name__": module})
@@ -233,7 +233,7 @@ _given: dict[str, Environment] = {}  # what machine code points to, by name: it 
 
 
 class _Stored(CompileResultCacheImpl):
-    """The record of a compiled function on disk: that of numba, and the names of the functions in its code."""
+    """The record of a compiled function, with the function names in it."""
 
     def reduce(self, cres: Any) -> Any:
         module = cres.library._final_module
@@ -272,12 +272,12 @@ class _Stored(CompileResultCacheImpl):
 
 @cache
 def _lock_file(folder: str) -> int:
-    """Return the open file whose bytes are locked; to close it would give all of them free."""
+    """Return the open file whose bytes are locked. Closing it would release all locks."""
     return os.open(os.path.join(folder, "comove_kernels.lock"), os.O_RDWR | os.O_CREAT, 0o666)
 
 
 class KernelCache(FunctionCache):
-    """Compiled functions on disk; what cannot be read or written counts as missing."""
+    """Compiled functions on disk; unreadable or unwritable ones count as missing."""
 
     _impl_class = _Stored
     patience = 60.0  # s, for which another process is waited for; it may be stopped
@@ -301,7 +301,7 @@ class KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return a function compiled before, or None.
 
-        All that numba knows of types and functions is loaded, which is slow, only where something must be compiled.
+        numba's extensions, which are slow to load, are loaded only where something must be compiled.
         """
         _offer_runtime()
         found = self._found(sig, target_context)
@@ -319,10 +319,10 @@ class KernelCache(FunctionCache):
             return None
 
     def _begin_turn(self, sig: Any, target_context: Any) -> bool:
-        """Wait until no other process compiles the function, which it may be waited for to save; return whether.
+        """Wait for other processes that compile the function; return whether it locked.
 
-        A byte of a file is locked, which the system gives free when a process dies. Where there are no such locks,
-        and after one was waited for in vain, two processes may compile the same.
+        The lock is on a byte of a file, which the system releases when a process dies. Where there are no such locks,
+        and after a wait that timed out, two processes may compile the same function.
         """
         if fcntl is None or not self._enabled:
             return False
@@ -352,7 +352,7 @@ class KernelCache(FunctionCache):
 
     @contextmanager
     def turns(self) -> Iterator[None]:
-        """Let other processes compile in the end what was to be compiled in this context."""
+        """Release all locks taken in this context at its end."""
         before = len(self._turns)
         try:
             yield
@@ -363,16 +363,16 @@ class KernelCache(FunctionCache):
                     fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)  # type: ignore[union-attr]
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled function."""
+        """Store a compiled function."""
         with suppress(OSError):  # a full disk: it is compiled again next time
             super().save_overload(sig, data)
 
 
 class _Sealed(IndexDataCacheFile):
-    """Cache files whose contents and signature are checked; a file that does not match counts as missing.
+    """Cache files with checked contents and signature; mismatches count as missing.
 
-    The index has signatures as texts: types themselves would import the modules that define them, so that whoever
-    solves a scene would load robots because a robot's planner has the same kernels.
+    The index has signatures as texts: types themselves would import the modules that define them, so that solving a
+    scene would load robots because a robot's planner has the same kernels.
     """
 
     def load(self, key: Any) -> Any:
@@ -403,7 +403,7 @@ class _Sealed(IndexDataCacheFile):
 
 
 def text_of(key: Any) -> str:
-    """Return what a function is compiled for, types and processor, in words that every process finds alike."""
+    """Return types and processor of a compiled function as reproducible text."""
     return ADDRESS.sub("", repr(key))
 
 

@@ -1,4 +1,4 @@
-"""Counts of the kernels that are compiled in a context, and how long it takes to compile and to load them."""
+"""Counters of kernels compiled and loaded in a context, with times."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Clock = Callable[[], float]
 
 @dataclass
 class Compiled:
-    """Counts what has been compiled so far.
+    """Counters of compiled kernels so far.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ IN_ALL = Compiled()  # what commands have watched in this process
 
 
 class _Listener(event.Listener):
-    """A listener that counts and reports compiled kernels; the compilation of one may include that of others."""
+    """A listener that counts and reports compiled kernels, nested ones included."""
 
     def __init__(self, compiled: Compiled, tell: KernelCallback | None, clock: Clock):
         self.compiled, self.tell, self.clock = compiled, tell, clock
@@ -68,7 +68,7 @@ class _Listener(event.Listener):
 def compiling(
     tell: KernelCallback | None = None, compiled: Compiled | None = None, clock: Clock = time.perf_counter
 ) -> Iterator[Compiled]:
-    """Count the kernels that are compiled in this context, and the time that it takes, and takes to load others.
+    """Count the kernels compiled in this context, and measure the time.
 
     Parameters
     ----------
@@ -100,12 +100,12 @@ class WarmUp:
 
     @property
     def words(self) -> str:
-        """Return what takes place, in words."""
+        """Return a description of the progress."""
         return f"{ONCE}, on {self.workers} {'core' if self.workers == 1 else 'cores'}"
 
     @property
     def share(self) -> float:
-        """Return about which share of the kernels has been compiled."""
+        """Return the approximate share of compiled kernels."""
         with suppress(OSError):
             return min(self.file.stat().st_size / self.kernels, 0.99)
         return 0.99
@@ -117,7 +117,7 @@ displays: list[Display] = []
 
 @contextmanager
 def shown_by(display: Display) -> Iterator[None]:
-    """Let a function show warm-ups in this context, after which the jobs that are left go on in the background."""
+    """Show warm-ups by a function in this context. Remaining jobs continue in the background afterwards."""
     displays.append(display)
     try:
         yield

@@ -1,7 +1,7 @@
-"""Notes of the jobs whose kernels are all compiled, kept beside the compiled functions.
+"""Records of jobs whose kernels are all compiled, beside compiled functions.
 
-A note holds for one installation: one version of Python, of numba and of the sources, and one kind of processor.
-Where notes cannot be written, or compiled functions are lost, they are compiled when they are first called.
+A record holds for one installation: one version of Python, of numba and of the sources, and one kind of processor.
+Where records cannot be written, or compiled functions are lost, functions are compiled when they are first called.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def _file() -> Path:
 
 @cache
 def _sources() -> str:
-    """Return a checksum of when the sources of comove were changed, and how large they are."""
+    """Return a checksum of the sources' modification times and sizes."""
     found = sorted(_stats(str(Path(comove.__file__).parent)))
     return hashlib.sha256(repr(found).encode()).hexdigest()
 

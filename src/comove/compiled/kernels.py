@@ -1,11 +1,10 @@
-"""Kernels: functions that numba compiles, no more often than needed.
+"""Kernels: functions compiled by numba with as little code as possible.
 
-numba by itself makes three things of every function: its code, which takes up the code of all that it calls, an
-entry for Python and one for C. What a robot's search calls would thereby be optimised anew in each of its callers,
-and most of the machine code would be entries that nobody uses. A `Kernel` is compiled for its callers without
-entries. One that is large is called where it lies. A small one always becomes part of its callers; LLVM by itself
-would call many, as they take tuples of arrays, which every call copies. What Python itself calls gets one entry, none
-for C.
+numba by itself makes three things of every function: its code, with the code of all that it calls inlined, an entry
+for Python and one for C. The kernels of a robot's search would thereby be optimised anew in each caller, and most of
+the machine code would be unused entries. A `Kernel` is compiled for its callers without entries. A large one is
+called through its address. A small one is always inlined; LLVM by itself would call many, as they take tuples of
+arrays, which every call copies. A kernel called from Python gets one entry, none for C.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long a
 
 
 def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any:
-    """Return a function as a kernel, compiled when it is first called and kept on disk; a decorator.
+    """Return a function as a kernel; usable as a decorator. It is compiled on the first call and cached on disk.
 
     Parameters
     ----------
@@ -65,7 +64,7 @@ def kernel(function: Any = None, *, counted: bool = True, **options: Any) -> Any
 
 
 class _Flags(Flags):
-    """Flags of kernels, those that are not as by default, which numba compares for every function that is called."""
+    """Flags of kernels that differ from the defaults, quick to compare."""
 
     __slots__ = ()
 
@@ -82,10 +81,9 @@ class _Flags(Flags):
 
 
 class _Pipeline(CompilerBase):
-    """numba's steps of compilation, without those that look for what kernels do not have."""
+    """numba's compilation pipeline without passes that kernels do not need."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Return the steps."""
         manager, code = PassManager("kernel"), self.state.func_id.code
         has_inner = any(isinstance(one, CodeType) for one in code.co_consts)
         unneeded = [AnnotateTypes, InlineOverloads, *([] if has_inner else [InlineClosureLikes])]
@@ -96,7 +94,7 @@ class _Pipeline(CompilerBase):
 
 
 class _Compiled(CPUDispatcher):
-    """A dispatcher of numba that neither times compilers within each other nor compares flags one by one."""
+    """A dispatcher without nested compile timers and flag-by-flag comparison."""
 
     _compiler: Any  # numba's, without types
     _cache: KernelCache
@@ -111,7 +109,7 @@ class _Compiled(CPUDispatcher):
         self._compiler._customize_flags = _Flags
 
     def compile(self, sig: Any) -> Any:
-        """Return the function for types of arguments, compiled now or before."""
+        """Return the function compiled for types of arguments."""
         with global_compiler_lock, self._cache.turns(), self._compiling_counter:
             args, return_type = sigutils.normalize_signature(sig)
             if args in self.overloads:
@@ -152,12 +150,12 @@ class Kernel(_Compiled):
 
     @property
     def _is_named(self) -> bool:
-        """Return whether every process finds the kernel by its names."""
+        """Return whether other processes can find the kernel by name."""
         module, name = self._names
         return getattr(sys.modules.get(module), name, None) is self
 
     def _compilation_chain_init_hook(self) -> None:
-        """Load no extensions of numba before one must compile; that is when `KernelCache` finds nothing."""
+        """Load no extensions of numba yet. `KernelCache` loads them if it finds nothing."""
 
     def typeof_pyval(self, val: Any) -> Any:
         """Return numba's type of an argument; large tuples are given by their address."""
@@ -166,18 +164,17 @@ class Kernel(_Compiled):
         return found
 
     def _compile_for_args(self, *args: Any, **more: Any) -> Any:
-        """Return the function for arguments, of which numba's types take long to find where many are nested."""
+        """Return the function for arguments. Finding their types is slow, so it counts as loading."""
         with event.trigger_event(LOADING):
             return super()._compile_for_args(*args, **more)  # type: ignore[misc]  # of C
 
     def compile(self, sig: Any) -> Any:
-        """Return the function for types of arguments, compiled now or before."""
+        """Return the function compiled for types of arguments."""
         with _uncollected():
             return super().compile(sig)
 
     @property
     def _cache(self) -> KernelCache:
-        """Return the cache on disk, which is looked for when the kernel is called first."""
         if self._kept is None:
             self._kept = KernelCache(self.py_func, "entry")
         return self._kept
@@ -188,19 +185,19 @@ class Kernel(_Compiled):
 
     @cached_property
     def callee(self) -> Any:
-        """Return what other kernels call, numba's dispatcher of the function without an entry."""
+        """Return numba's dispatcher without an entry, for calls from other kernels."""
         made = _Callee(self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True})
         made._cache = KernelCache(self.py_func, "callee")
         return made
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return numba's template of a call from another kernel, the same for numbers that are written in it."""
+        """Return numba's template of a call from another kernel. It is the same for literal numbers."""
         return self.callee.get_call_template(
             tuple(map(_widened, args)), {name: _widened(one) for name, one in kws.items()}
         )
 
     def get_overload(self, sig: Any) -> Any:
-        """Return the key under which numba finds how to call the function from another kernel."""
+        """Return numba's key for calls from another kernel."""
         args, _ = sigutils.normalize_signature(sig)
         if args not in self._keys:
             self._keys[args] = self._key(args)
@@ -221,11 +218,11 @@ class Kernel(_Compiled):
         return {}
 
     def offered(self, args: tuple) -> tuple[Any, Reload]:
-        """Compile or load the callee and let code find it by a symbol that is the same in every process.
+        """Compile or load the callee and register a reproducible symbol. The symbol is the same in every process.
 
         Returns
         -------
-        numba's description of a function with that symbol, and what finds it again
+        numba's description of a function with that symbol, and its `Reload`
         """
         self.callee.compile(args)
         compiled = self.callee.overloads[args]
@@ -240,7 +237,7 @@ class Kernel(_Compiled):
         return function, Reload(self, args, symbol)
 
     def _entry(self, args: tuple, return_type: Any) -> Any:
-        """Compile the entry for Python, as numba's compiler of the function would together with its code."""
+        """Compile the entry for Python without compiling the callee's code again."""
         if not self._is_named:
             return type(self._compiler).compile(self._compiler, args, return_type)
         self.callee.compile(args)
@@ -271,9 +268,9 @@ class Kernel(_Compiled):
 
 
 class Question:
-    """A function of which a kernel takes the place, by the class of the named tuple that is its first argument.
+    """A function replaced by a kernel chosen by its first argument's class.
 
-    Uncompiled, it is the function.
+    The argument is a named tuple. Uncompiled, the function itself runs.
     """
 
     is_compiling = False  # asked by numba, for recursion
@@ -286,7 +283,7 @@ class Question:
         return self.function(*args)
 
     def answered_for(self, kind: type) -> Callable[[Kernel], Kernel]:
-        """Return a decorator of the kernel that takes the place of the function for named tuples of a class."""
+        """Return a decorator that registers the kernel for a named-tuple class."""
 
         def answer(kernel: Kernel) -> Kernel:
             self.answers[kind] = kernel
@@ -296,7 +293,7 @@ class Question:
 
     @property
     def nopython_signatures(self) -> list:
-        """Return what the kernels are compiled for, for messages of numba."""
+        """Return the kernels' signatures, for messages of numba."""
         return [signature for kernel in self.answers.values() for signature in kernel.nopython_signatures]
 
     def get_call_template(self, args: tuple, kws: dict) -> Any:
@@ -304,7 +301,7 @@ class Question:
         return self._of(args).get_call_template(args, kws)
 
     def get_overload(self, sig: Any) -> Any:
-        """Return the key under which numba finds how to call the function from a kernel."""
+        """Return numba's key for calls from a kernel."""
         return self._of(sigutils.normalize_signature(sig)[0]).get_overload(sig)
 
     def _of(self, args: tuple) -> Kernel:
@@ -315,14 +312,14 @@ class _Callee(_Compiled):
     """A kernel without an entry for Python, as other kernels call it."""
 
     def compile(self, sig: Any) -> Any:
-        """Return the function for types of arguments, compiled now or before."""
+        """Return the function compiled for types of arguments."""
         with global_compiler_lock, kernel_libraries(self.targetctx.codegen()):
             return super().compile(sig)
 
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Collect no garbage meanwhile, of which compilers make little; each search of it goes through all they made."""
+    """Disable garbage collection in this context. Each collection would visit all objects of the compiler."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -342,13 +339,13 @@ def _named(module: str, name: str) -> Kernel:
 
 @dataclass(frozen=True)
 class Reload:
-    """A call that finds a kernel, before code is loaded from disk that calls it by its symbol.
+    """A callable that loads a kernel before cached code calls it.
 
     Attributes
     ----------
-    kernel : what is called
+    kernel : kernel that is called
     args : types of its arguments
-    symbol : by which the code calls it
+    symbol : symbol by which the code calls it
     """
 
     kernel: Kernel
@@ -369,7 +366,7 @@ class Reload:
 
 
 class Elsewhere:
-    """A stand-in for a kernel's code when numba links a caller: it holds nothing but how to find the kernel."""
+    """A stand-in that links a caller to a kernel's address only."""
 
     def __init__(self, reload: Reload):
         codegen = reload.kernel.targetctx.codegen()
@@ -388,6 +385,6 @@ def _code_of(compiled: Any) -> Any:
 
 @kernel
 def copy_to(source: Any, target: Any) -> None:
-    """Copy a vector to a row of an array: assignment to a slice would take seconds to compile."""
+    """Copy a vector to a row of an array. Assignment to a slice would take seconds to compile."""
     for c in range(source.shape[0]):
         target[c] = source[c]

@@ -1,8 +1,8 @@
 """Machine code of kernels, made no more often than needed.
 
-numba makes machine code of every function, and optimises it twice, so that counts of references cancel each other.
-Here only what is called where it lies becomes machine code; what is small stays as LLVM has optimised it, for its
-callers. What counts no references is optimised once.
+numba makes machine code of every function, and optimises it twice, so that reference counts cancel each other. Here
+only functions called through their address become machine code; small ones stay as optimised LLVM code for their
+callers. Functions without reference counts are optimised once.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class OptionalCode(CodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        """Return numba's owner of the library; without machine code, one that is given no constants for it."""
+        """Return numba's owner of the library. Without machine code, it is one that receives no constants for it."""
         return self._codegen if self.has_code else _Nowhere(self._codegen)
 
 
@@ -52,7 +52,7 @@ class KernelLibrary(OptionalCode, JITCodeLibrary):
     _codegen: Any
 
     def add_ir_module(self, ir_module: Any) -> None:
-        """Take up code, but for entries for C, which nobody calls."""
+        """Add code, except unused entries for C."""
         if ir_module.name != "cfunc_wrapper":
             super().add_ir_module(ir_module)
 
@@ -85,7 +85,7 @@ class KernelLibrary(OptionalCode, JITCodeLibrary):
             self._finalized, self._compiled_object = True, b""
 
     def _is_called(self) -> bool:
-        """Return whether code is called where it lies: what is large, calls itself, or is numba's with an entry."""
+        """Return whether code is called by address: large, recursive, or numba's own with an entry."""
         unresolved = [
             one.name for one in self._final_module.global_variables if one.name.startswith(UNRESOLVED)
         ]
@@ -93,13 +93,13 @@ class KernelLibrary(OptionalCode, JITCodeLibrary):
         return bool(unresolved or entries) or str(self._final_module).count("\n") > LARGE
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return where a function begins; 0 if it is not in the library, or nowhere."""
+        """Return the address of a function; 0 if it has none."""
         self._ensure_finalized()
         return super().get_pointer_to_function(name) if self.has_code else 0
 
 
 class EntryLibrary(KernelLibrary):
-    """The library of an entry for Python, which is called where it lies."""
+    """The library of an entry for Python, called through its address."""
 
     def _is_called(self) -> bool:
         return True
@@ -107,7 +107,7 @@ class EntryLibrary(KernelLibrary):
 
 @contextmanager
 def kernel_libraries(codegen: Any) -> Iterator[None]:
-    """Let numba make libraries of this kind in this context, which is for one thread at a time."""
+    """Make numba create libraries of this kind in this context. One thread at a time may use it."""
     before, codegen._library_class = codegen._library_class, KernelLibrary
     try:
         yield

@@ -1,4 +1,4 @@
-"""How numba compiles what takes named tuples by their address (see `shared`); imported when something is compiled."""
+"""numba's lowering of named tuples passed by address (see `shared`). It is imported when something is compiled."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ register_default(Shared)(models.OpaqueModel)
 
 @cache
 def _words(one: Any) -> int:
-    """Return how many words a part of a tuple takes in memory."""
+    """Return the size of a tuple's part in memory, in words."""
     if isinstance(one, types.BaseTuple):
         return sum(map(_words, _parts(one)))
     if isinstance(one, types.Array):
@@ -41,7 +41,7 @@ def _moved(builder: Any, address: Any, words: int) -> Any:
 
 @unbox(Shared)
 def _written(typ: Shared, tuple_: Any, c: Any) -> NativeValue:
-    """Lay a tuple out on the stack; its address is hidden, so that no load from it moves before that."""
+    """Lay a tuple out on the stack. Its address is hidden, so that no load from it moves before the writes."""
     memory = cgutils.alloca_once(c.builder, ir.ArrayType(WORD, _words(typ)))
     start = c.builder.bitcast(memory, BYTE.as_pointer())
     failed = _write(typ, tuple_, start, c)
@@ -51,7 +51,7 @@ def _written(typ: Shared, tuple_: Any, c: Any) -> NativeValue:
 
 
 def _write(typ: Any, tuple_: Any, address: Any, c: Any) -> Any:
-    """Write the parts of a tuple one after the other; return whether one is not of its type."""
+    """Write the parts of a tuple in order; return whether a type differs."""
     builder, at, failed = c.builder, 0, cgutils.false_bit
     for i, part in enumerate(_parts(typ)):
         there, value = _moved(builder, address, at), c.pyapi.tuple_getitem(tuple_, i)
@@ -73,12 +73,11 @@ def _write(typ: Any, tuple_: Any, address: Any, c: Any) -> Any:
 
 
 def _part(context: Any, builder: Any, typ: Any, address: Any, index: int) -> Any:
-    """Return a part of a tuple in memory."""
     return _read(context, builder, typ[index], _moved(builder, address, sum(map(_words, typ.types[:index]))))
 
 
 def _read(context: Any, builder: Any, one: Any, address: Any) -> Any:
-    """Return what is in memory at an address."""
+    """Return the value in memory at an address."""
     if isinstance(one, Shared):
         return address
     if isinstance(one, types.NoneType):

@@ -1,9 +1,9 @@
-"""Named tuples of arrays, which kernels take by their address.
+"""Named tuples of arrays that kernels take by address.
 
 numba by itself passes every array of a named tuple as seven numbers or more, to every function, and handles the tuple
-as one value of hundreds of numbers: most of the code of a planner, and of the time to compile it, would be copies.
-A tuple that holds arrays and comes from Python is therefore laid out in memory once a call, and kernels are given its
-address, from which they load what they use; `lowering` says how. Tuples that kernels make are numba's own.
+as one value of hundreds of numbers: most of the code of a planner, and of the time to compile it, would be copies. A
+tuple of arrays from Python is therefore laid out in memory once a call, and kernels receive its address, from which
+they load the fields in use (see `lowering`). Tuples made by kernels are numba's own.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numba.core import types
 
 
 class Shared(types.NamedTuple):
-    """The type of a named tuple in memory, none of which changes during a call.
+    """The type of a named tuple in memory, constant during a call.
 
-    Arrays that a kernel loads from it are not counted. Kernels may not return them, nor the tuple.
+    References to arrays loaded from it are not counted. Kernels may return neither the arrays nor the tuple.
     """
 
     def __init__(self, parts: tuple, kind: type):
@@ -27,7 +27,7 @@ class Shared(types.NamedTuple):
 
 
 def shared(one: Any) -> Any:
-    """Return numba's type of an argument from Python, with named tuples of arrays by their address."""
+    """Return numba's type of an argument, named tuples of arrays by address."""
     if not _is_tuple(one):
         return one
     parts = tuple(map(shared, one))

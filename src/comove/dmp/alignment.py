@@ -1,8 +1,9 @@
-"""Several recordings of one movement: checked, and brought to equal shares of one course.
+"""Alignment in time of several recordings of one movement.
 
-The alignment `duration` divides the time of each recording by its duration. `warping` also moves the instants between
-the ends, so that equal places are met at equal shares (dynamic time warping, Sakoe and Chiba, 1978, with paces from a
-half to twice). Warps are relative to their mean: the aligned movement has the mean pace of the recordings.
+Shares of the time from start to end are aligned. The alignment `duration` divides the time of each recording by its
+duration. `warping` also moves the instants between the ends, so that equal places are met at equal shares (dynamic
+time warping, Sakoe and Chiba, 1978, with paces from a half to twice). Warps are relative to their mean: the aligned
+movement has the mean pace of the recordings.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ NEVER = 1e-9  # share of the movement's extent below which a standard deviation 
 
 
 class Alignment(NamedOption):
-    """A way in which recordings are aligned in time."""
+    """The alignment of recordings in time."""
 
     DURATION = "duration"
     WARPING = "warping"
@@ -48,7 +49,7 @@ class WarpingSettings:
 
 
 def together(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list[Array]]:
-    """Return the manipulators, and times and positions of all recordings, after a check that they belong together."""
+    """Return manipulators, times and positions of recordings that belong together."""
     if not isinstance(demonstrations, (list, tuple)):
         raise OptionError(f"demonstrations = {demonstrations!r}", way_out="give a list of recordings")
     if len(demonstrations) < 2:
@@ -72,7 +73,7 @@ def together(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list
 
 
 def require_spread(times: list[Array], positions: list[Array]) -> None:
-    """Refuse recordings that do not differ."""
+    """Raise DemonstrationError if the recordings do not differ."""
     seen: dict[bytes, int] = {}
     for i, (time, position) in enumerate(zip(times, positions, strict=True)):
         before = seen.setdefault((time - time[0]).tobytes() + position.tobytes(), i)
@@ -89,7 +90,7 @@ def require_spread(times: list[Array], positions: list[Array]) -> None:
 
 
 def one_recording(demonstration: object, number: int) -> tuple[tuple[str, ...], Array, Array, str]:
-    """Return manipulators, times, positions of all their coordinates, and the unit of one recording."""
+    """Return manipulators, times, positions and unit of one recording."""
     parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
     if not parts or not all(hasattr(p, "time") and hasattr(p, "position") for p in parts.values()):
         raise OptionError(
@@ -136,7 +137,7 @@ def aligned(
     alignment: Alignment,
     warping: WarpingSettings = WarpingSettings(),
 ) -> list[Array]:
-    """Return the share of the course at every sample of every recording, from 0 to 1.
+    """Return the aligned share, 0 to 1, of every recording's samples.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def _played(curve: Array, warp: Array) -> Array:
 
 
 def _warp(reference: Array, curve: Array, slope_weight: float) -> Array:
-    """Return the share of a curve at even shares of the reference, by dynamic time warping.
+    """Warp a curve in time to a reference, at even shares.
 
     Every step leads one sample ahead in both, or two in one of them, so the pace stays between a half and two.
     """
@@ -209,7 +210,7 @@ def _warp(reference: Array, curve: Array, slope_weight: float) -> Array:
 
 
 def _features(curve: Array, reference: Array, slope_weight: float) -> Array:
-    """Return positions and velocities of a curve, relative to the reference's spread over time."""
+    """Return positions and velocities relative to the reference's spread over time."""
     parts = []
     for weight, values, others in (
         (1.0, curve, reference),

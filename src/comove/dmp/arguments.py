@@ -1,4 +1,4 @@
-"""Checks of arguments: numbers, vectors and counts; an invalid one is reported in one sentence."""
+"""Checks of arguments: numbers, vectors and counts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_STEPS = 100_000_000
 
 
 class NamedOption(StrEnum):
-    """A choice among names, which is an argument itself or by its name."""
+    """A choice among names, given itself or by name."""
 
     @classmethod
     def named(cls, name: str) -> Self:
@@ -66,7 +66,7 @@ def vector(name: str, value: object, n_dims: int) -> Array:
 
 
 def require_positive(name: str, value: object, most: float = 1e308, *, of: str = "") -> None:
-    """Raise unless `value` is a positive number that does not exceed `most`; `of` names its unit in the message."""
+    """Raise unless `value` is positive and at most `most`. `of` names its unit in the message."""
     if not is_number(value) or not 0 < value <= most:
         bound = f" up to {most:g}" if most < 1e308 else ""
         unit = f" of {of}" if of else ""
@@ -81,7 +81,7 @@ def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
 
 
 def require_numbers(settings: Any) -> None:
-    """Raise unless the whole numbers among the fields of settings are 1 or more, and its other numbers positive."""
+    """Raise unless settings are positive, and integers 1 or more."""
     for entry in fields(settings):
         if isinstance(entry.default, int):
             require_count(entry.name, getattr(settings, entry.name))

@@ -23,7 +23,7 @@ from comove.errors import DemonstrationError, OptionError
 
 @dataclass(frozen=True, eq=False)
 class AveragedDMP:
-    """The mean of several movements, together with these movements.
+    """The mean of several movements, with its members.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class AveragedDMP:
         return self.mean.duration
 
     def spread(self, n_steps: int = 201) -> Array:
-        """Return the standard deviation of the members about the mean at even phases.
+        """Return the members' standard deviation at even phases.
 
         Returns
         -------
@@ -107,7 +107,7 @@ def average(
 
 
 def mixed(members: Sequence[DMP], shares: Array) -> DMP:
-    """Return the combination of movements of one basis at equal phases; ``shares``, shape (n_members,), sum to 1."""
+    """Return a combination of movements of one basis at equal phases. ``shares``, shape (n_members,), sum to 1."""
     durations = np.array([member.duration for member in members])
     duration = float(shares @ durations)
     mix: dict[str, Any] = {

@@ -48,7 +48,7 @@ Metric = Literal["velocity", "acceleration", "jerk"]
 
 @dataclass(frozen=True, eq=False)
 class MotionBasis:
-    """Matrices that turn boundary values and shape weights into a motion of unit duration.
+    """Matrices from boundary values and shape weights to unit-duration motions.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class MotionBasis:
         return self.shape.shape[2]
 
     def __reduce__(self) -> tuple[Callable[..., MotionBasis], tuple[Any, ...]]:
-        """Pickle the arguments of `motion_basis` instead of half a megabyte, where they say all."""
+        """Pickle the arguments of `motion_basis` where they rebuild the arrays."""
         same = motion_basis(self.n_basis, self.metric, self.phase)
         arrays = tuple(getattr(self, name) for name in ("boundary", "shape", "boundary_force", "shape_force"))
         theirs = (same.boundary, same.shape, same.boundary_force, same.shape_force)
@@ -82,7 +82,7 @@ class MotionBasis:
         return MotionBasis, (*arrays, self.metric, self.phase)
 
     def sampled(self, n_steps: int) -> Array:
-        """Return the positions at even samples caused by unit shape weights, then by unit boundary values.
+        """Return positions at even samples, by unit weights and boundary values.
 
         Returns
         -------
@@ -91,7 +91,7 @@ class MotionBasis:
         return _sampled(self, n_steps)
 
     def at(self, s: ArrayLike) -> tuple[Array, Array]:
-        """Return the boundary and shape matrices at normalised times; they are exact between the knots as well.
+        """Return the boundary and shape matrices at normalised times. They are exact between the knots as well.
 
         Parameters
         ----------
@@ -202,13 +202,13 @@ def _motion_basis(
 
 
 class Sampled(Protocol):
-    """A basis that gives its positions at even samples, shape (n_basis + 4, n_steps)."""
+    """A basis sampled evenly as an array (n_basis + 4, n_steps)."""
 
     def sampled(self, n_steps: int) -> Array: ...
 
 
 def rollouts(basis: Sampled, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
-    """Compute the positions of many rollouts as one matrix product of weights and boundary values with the basis.
+    """Compute the positions of many rollouts as one matrix product.
 
     Parameters
     ----------
@@ -228,11 +228,11 @@ def rollouts(basis: Sampled, boundary: Array, weights: Array, n_steps: int = 201
 
 
 def _splines(n_inner: int) -> Array:
-    """Return the forcing of quintic B-splines that rest at both ends, and of six quintics for the boundary values.
+    """Return the forcing of quintic B-splines and six boundary quintics.
 
-    A motion b(s) of the transformed system is caused by the forcing ``b'' + 2 omega b' + omega^2 b``. Each of the six
-    quintics has a unit position, velocity or acceleration at one end (first those of the start) and zero for the
-    others.
+    The B-splines rest at both ends. A motion b(s) of the transformed system is caused by the forcing ``b'' + 2 omega
+    b' + omega^2 b``. Each of the six quintics has a unit position, velocity or acceleration at one end (first those
+    of the start) and zero for the others.
 
     Parameters
     ----------
@@ -258,11 +258,11 @@ def _splines(n_inner: int) -> Array:
 
 
 def _b_splines(knots: Array, degree: int, s: Array, order: int = 0) -> Array:
-    """Compute derivatives of all B-splines on knots that are repeated at both ends (de Boor, 1978, chapter X).
+    """Compute derivatives of B-splines (de Boor, 1978, chapter X).
 
     Parameters
     ----------
-    knots : array, shape (n_functions + degree + 1,)
+    knots : array, shape (n_functions + degree + 1,), repeated at both ends
     s : array, shape (n_points,), between the first and the last knot
     order : of the derivative
 
@@ -289,7 +289,7 @@ def _sampled(basis: MotionBasis, n_steps: int) -> Array:
 
 
 def _jerk(knots: Array, force: Array) -> Array:
-    """Compute the third derivatives in the middle of every interval, ``f' - 2 omega y'' - omega^2 y'``.
+    """Compute the third derivatives in the middle of every interval. They are ``f' - 2 omega y'' - omega^2 y'``.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def _jerk(knots: Array, force: Array) -> Array:
 
 
 def released(s: Array) -> Array:
-    """Return the unforced motions to the goal 0 from a unit start and from a unit start velocity.
+    """Return the unforced motions from unit start and start velocity. The goal is 0.
 
     Returns
     -------

@@ -1,12 +1,12 @@
-"""Manipulators with orientations that move together in cooperative coordinates, on one phase.
+"""Movements of several end effectors in cooperative coordinates, on one phase.
 
-Every hand's pose is that of a common frame times its own pose in that frame,
+Every end effector's pose is that of a common frame times its own pose in that frame,
 
     T_i(s) = X(s) G_i(s),
 
-where X is the movement of the load, and G_i is constant for a rigid grasp or a primitive of its own for a
-prescribed relative motion (a hand that turns the lid of what the other one holds). Relative poses then hold by
-construction, whatever X does: at another pace, paused, run backwards, pushed, or with a goal that moves. Hands that
+where X is the movement of the payload, and G_i is constant for a rigid grasp or a primitive of its own for a
+prescribed relative motion (as when one turns the lid of a jar that the other holds). Relative poses then hold by
+construction for any X: at another pace, paused, run backwards, pushed, or with a goal that moves. End effectors that
 move independently have no X; constraints between them are those of a scene (`comove.model.constraints`).
 """
 
@@ -30,11 +30,11 @@ from comove.trajectory import PoseTrajectory
 
 @dataclass(frozen=True, eq=False)
 class CooperativeState:
-    """The state of an execution, which holds the states of its movements.
+    """The state of an execution: the states of its movements.
 
     Attributes
     ----------
-    parts : states of the movements, by the name of the hand, "" for the load
+    parts : states of the movements, by the name of the end effector, "" for the payload
     """
 
     parts: Mapping[str, PoseState]
@@ -56,8 +56,8 @@ class CooperativeDMP:
 
     Attributes
     ----------
-    load : movement of the common frame; None where every hand moves independently
-    hands : by name, the pose in that frame: constant, or a movement of the same duration
+    load : movement of the payload's frame; None where every end effector moves independently
+    hands : by name, the end effector's pose in that frame: constant, or a movement of the same duration
     """
 
     load: PoseDMP | None
@@ -108,14 +108,14 @@ class CooperativeDMP:
         n_basis: int = 20,
         **options: Any,
     ) -> CooperativeDMP:
-        """Build the movement of all hands that carry a load from the demonstration of a single hand.
+        """Build the end effectors' movement with a payload from one demonstration.
 
         Parameters
         ----------
         demonstration
-            The poses of the hand `name`.
+            The poses of the end effector `name`.
         grasps
-            Poses of all hands in the load's frame.
+            Poses of all end effectors in the payload's frame.
         n_basis, options
             As for `PoseDMP.fit`.
         """
@@ -145,13 +145,13 @@ class CooperativeDMP:
 
     @property
     def manipulators(self) -> tuple[str, ...]:
-        """Return the names of the hands."""
+        """Return the names of the end effectors."""
         return tuple(self.hands)
 
     def towards(self, *, duration: float | None = None, **ends: Any) -> CooperativeDMP:
-        """Return the movement between other poses and velocities of the load, or with another duration [s].
+        """Return the movement between other payload poses and velocities.
 
-        Arguments are as for `PoseDMP.towards`.
+        The duration [s] may change too. Arguments are as for `PoseDMP.towards`.
         """
         if self.load is None and any(end is not None for end in ends.values()):
             raise OptionError(
@@ -166,13 +166,13 @@ class CooperativeDMP:
         return replace(self, load=load, hands=hands)
 
     def rollout(self, *, n_steps: int = 201, **ends: Any) -> PoseTrajectory:
-        """Return samples of the movement of all hands, between other ends of the load as `towards` takes them."""
+        """Return samples of the movement, between other ends as in `towards`."""
         require_steps(n_steps)
         dmp = self.towards(**ends)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
-        """Return poses and velocities of all hands at any times [s], array of shape (n_steps,)."""
+        """Return poses and velocities at times [s], shape (n_steps,)."""
         time = instants(time)
         frame = None if self.load is None else self.load.at(time)
         moved = [_played(hand, time, frame) for hand in self.hands.values()]
@@ -192,12 +192,12 @@ class CooperativeDMP:
         coupling: Mapping[str, ArrayLike] | None = None,
         velocity_coupling: Mapping[str, ArrayLike] | None = None,
     ) -> CooperativeState:
-        """Advance by `dt` [s] online, exactly; `rate` is the pace of the phase, as for `DMP.step`.
+        """Advance by `dt` [s] online, exactly. `rate` is the pace of the phase, as for `DMP.step`.
 
         Parameters
         ----------
-        coupling, velocity_coupling : by the name of the hand, "" for the load, what acts during the step, as for
-            `PoseDMP.step`; on a hand that the load carries, in the load's frame
+        coupling, velocity_coupling : couplings during the step, as for `PoseDMP.step`, by the name of the end
+            effector, "" for the payload; in the payload's frame for one that moves relative to it
         """
         movements = self.movements
         pushes, drifts = (
@@ -218,7 +218,7 @@ class CooperativeDMP:
         )
 
     def _acting(self, key: str, coupling: Mapping[str, ArrayLike] | None) -> Mapping[str, ArrayLike]:
-        """Return what acts, by the name of the movement, after a check of the names."""
+        """Return couplings by the name of the movement, checked."""
         if coupling is None:
             return {}
         if not isinstance(coupling, Mapping):
@@ -230,15 +230,15 @@ class CooperativeDMP:
         return coupling
 
     def redirected(self, state: CooperativeState, goal: Pose, name: str = "") -> CooperativeState:
-        """Return the state with another goal: of the load, or of the hand `name` that moves independently."""
+        """Return the state with another goal of the payload or end effector."""
         return self._changed(state, name, self._movement(name).redirected(state.parts[name], goal))
 
     def displaced(self, state: CooperativeState, pose: Pose, name: str = "") -> CooperativeState:
-        """Return the state after the load, or the hand `name`, was pushed to `pose`."""
+        """Return the state after a push of payload or end effector."""
         return self._changed(state, name, self._movement(name).displaced(state.parts[name], pose))
 
     def poses(self, state: CooperativeState) -> dict[str, Pose]:
-        """Return the poses of all hands in a state, by name."""
+        """Return the poses of all end effectors in a state, by name."""
         now = {name: self.movements[name].pose(part) for name, part in state.parts.items()}
         frame = now.get("", Pose(np.zeros(3)))
         return {
@@ -248,7 +248,7 @@ class CooperativeDMP:
 
     @property
     def movements(self) -> dict[str, PoseDMP]:
-        """Return what moves by its name: "" for the load, first, then the hands."""
+        """Return the movements by name: "" for the payload, then end effectors."""
         load = {} if self.load is None else {"": self.load}
         return load | {name: hand for name, hand in self.hands.items() if isinstance(hand, PoseDMP)}
 
@@ -264,7 +264,6 @@ class CooperativeDMP:
 
 
 def _composed(frame: Pose, hand: Pose) -> Pose:
-    """Return the pose of `hand`, which is given in `frame`."""
     return Pose(
         frame.position + rotations.matrices(frame.orientation) @ hand.position,
         rotations.quaternion_product(frame.orientation, hand.orientation),
@@ -274,7 +273,7 @@ def _composed(frame: Pose, hand: Pose) -> Pose:
 def _played(
     hand: Pose | PoseDMP, time: Array, frame: PoseTrajectory | None
 ) -> tuple[Array, Array, Array, Array]:
-    """Return positions, orientations, velocities and angular velocities of a hand, carried by the load."""
+    """Return positions, orientations, velocities and angular velocities of an end effector."""
     if isinstance(hand, PoseDMP):
         own = hand.at(time)
         p, q, v, w = own.position, own.orientation, own.velocity, own.angular_velocity

@@ -1,4 +1,4 @@
-"""A single dynamic movement primitive: equations (1) and (2) of the paper, with both ends exact."""
+"""A single dynamic movement primitive, equations (1) and (2), both ends exact."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Recording(Protocol):
 
 @dataclass(frozen=True)
 class FitError:
-    """Holds how far a movement is from a recording, over its samples.
+    """The distance of a movement from a recording, over its samples.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class DMP:
 
     Attributes
     ----------
-    weights : array, shape (n_dims, n_basis), the free shape weights; both ends are met whatever their values
+    weights : array, shape (n_dims, n_basis), the free shape weights; both ends are met for any values
     start, goal : arrays, shape (n_dims,), [m]; the goal of a rhythmic movement is its centre
     start_velocity, goal_velocity : arrays, shape (n_dims,), [m/s]
     duration : [s]; the period of a rhythmic movement
@@ -141,7 +141,7 @@ class DMP:
         period: float | None = None,
         at_rest: bool = True,
     ) -> DMP:
-        """Fit the shape weights to one demonstration by least squares on its positions.
+        """Fit the shape weights to one demonstration's positions by least squares.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class DMP:
         period
             Period of a rhythmic movement [s]; by default estimated from the recording, which may hold many periods.
         at_rest
-            Whether the movement ends at rest, whatever the recording does; otherwise it ends with the recording's
+            Whether the movement ends at rest even if the recording does not; otherwise it ends with the recording's
             velocity, such as a throw.
 
         Raises
@@ -172,7 +172,7 @@ class DMP:
         ComoveWarning
             If the variant cannot learn a dimension, because the recorded ends coincide in it, there are more weights
             than samples to determine them, or the fit is farther from the recording than a twentieth of its extent
-            (`fit_error` measures it); names the distance, the time, and what brings it nearer.
+            (`fit_error` measures it); names the distance, the time, and a remedy.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         variant = Variant.named(variant)
@@ -221,7 +221,7 @@ class DMP:
         return fitted
 
     def shaped(self, time: Array, position: Array) -> DMP:
-        """Return the movement between the same ends whose shape fits the positions best, without a check of them.
+        """Return the movement between the same ends that fits positions best. Arguments are not checked.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ class DMP:
         return replace(self, weights=_least_squares(design, len(time)).T)
 
     def fit_error(self, recording: Recording) -> FitError:
-        """Measure how far the movement is from a recording, such as the one to which it was fitted.
+        """Measure the distance of the movement from a recording.
 
         Parameters
         ----------
@@ -300,11 +300,11 @@ class DMP:
 
     @cached_property
     def shape_weights(self) -> Array:
-        """Return the weights as the variant scales and turns them, A(d) w; array, shape (n_dims, n_basis)."""
+        """Return the weights times A(d); array, shape (n_dims, n_basis)."""
         return self.scaling() @ self.weights
 
     def boundary_values(self) -> Array:
-        """Return start, start velocity, goal and goal velocity in unit duration; array, shape (4, n_dims)."""
+        """Return start, start velocity, goal and goal velocity; shape (4, n_dims). They are in unit duration."""
         return np.stack(
             [self.start, self.start_velocity * self.duration, self.goal, self.goal_velocity * self.duration]
         )
@@ -322,7 +322,7 @@ class DMP:
         start_velocity: ArrayLike | None = None,
         goal_velocity: ArrayLike | None = None,
     ) -> DMP:
-        """Return the movement with the same shape weights between other ends; arguments not given keep their values.
+        """Return the movement between other ends, with the same weights. Arguments not given keep their values.
 
         Velocities at the ends are kept in units of duration, so a slower movement has slower ends. Where the variant
         turns and scales the movement, the end velocities turn and scale with it.
@@ -389,7 +389,7 @@ class DMP:
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def rollouts(self, weights: ArrayLike, n_steps: int = 201) -> Array:
-        """Compute the positions of many rollouts with different weights and the same ends, as one matrix product.
+        """Compute rollouts with different weights as one matrix product. All have the movement's ends.
 
         Parameters
         ----------
@@ -417,10 +417,10 @@ class DMP:
         return rollouts(self.basis, self.boundary_values(), weights, n_steps)
 
     def at(self, time: ArrayLike) -> Trajectory:
-        """Return positions and velocities at the times `time` [s], array of shape (n_steps,).
+        """Return positions and velocities at times [s], shape (n_steps,).
 
-        A movement that ends at rest stays there; what ends in motion is then drawn back to its goal. A rhythmic one
-        runs from its start into its cycle.
+        A movement that ends at rest stays there; one that ends in motion is then drawn back to its goal. A rhythmic
+        one runs from its start into its cycle.
         """
         time = instants(time)
         curve, s = self.curve, np.maximum(time / self.duration, 0.0)
@@ -435,7 +435,7 @@ class DMP:
 
     @cached_property
     def curve(self) -> Curve:
-        """Return the curve that an execution follows: the movement itself or, if it is rhythmic, its limit cycle."""
+        """Return the curve of an execution; of a rhythmic movement the limit cycle."""
         basis, weights = self.basis, self.shape_weights
         if isinstance(basis, RhythmicBasis):
             knots = basis.cycle @ weights.T
@@ -458,7 +458,7 @@ class DMP:
         coupling: ArrayLike | None = None,
         velocity_coupling: ArrayLike | None = None,
     ) -> DMPState:
-        """Advance the state by `dt` [s] online; the result equals that of `rollout`, whatever the step lengths.
+        """Advance the state by `dt` [s] online, exactly for any step lengths.
 
         Parameters
         ----------
@@ -472,7 +472,7 @@ class DMP:
             An acceleration [m/s^2] that acts during the step, shape (n_dims,); it has no effect in a pause.
         velocity_coupling
             A velocity [m/s] by which the position moves besides during the step, shape (n_dims,); the system's own
-            velocity, which the state holds, answers to where that leads (Gams et al., 2014).
+            velocity, which the state holds, responds to the displacement (Gams et al., 2014).
 
         Raises
         ------
@@ -491,7 +491,7 @@ class DMP:
         return advance(state, dt, rate, push, drift)
 
     def scaling(self) -> Array:
-        """Return A(d), the matrix by which the variant multiplies the learned forcing term for these ends.
+        """Return A(d), which multiplies the learned forcing term. d is the displacement between these ends.
 
         Returns
         -------
@@ -503,12 +503,12 @@ class DMP:
 
     @property
     def extent(self) -> float:
-        """Return the greatest distance between two points of the movement, seen at 51 even instants [m]."""
+        """Return the movement's greatest extent [m], from 51 even instants."""
         return extent_of(self.at(np.linspace(0.0, self.duration, N_SEEN)).position)
 
     @cached_property
     def _learned_path(self) -> Array:
-        """Return the movement from zero to `learned`, at rest at both ends; array, shape (51, n_dims)."""
+        """Return the movement from zero to `learned`; array, shape (51, n_dims). It is at rest at both ends."""
         sampled = self.basis.sampled(N_SEEN)
         return sampled[: self.weights.shape[1]].T @ self.weights.T + np.outer(sampled[-2], self.learned)
 
@@ -525,7 +525,7 @@ def require_positions(dmp: object) -> None:
 
 
 def _tell_blown_up(dmp: DMP) -> None:
-    """Warn of dimensions in which the classic form magnifies a movement whose recorded ends nearly coincide there."""
+    """Warn of dimensions that the classic form magnifies, as recorded ends coincide."""
     reach = np.ptp(dmp._learned_path, axis=0)
     factor, learned = np.abs(np.diag(dmp.scaling())), np.abs(dmp.learned)
     i = int(np.argmax(np.where(learned < APART * reach, factor, 0.0)))
@@ -551,7 +551,7 @@ def _goal_velocity(demonstration: Recording) -> Array:
 
 
 def _untaught(dmp: DMP, position: Array) -> NDArray[np.bool_]:
-    """Return in which dimensions the classic form learns nothing, shape (n_dims,); warn where they moved."""
+    """Return the dimensions that the classic form cannot learn, shape (n_dims,). Moving ones are warned of."""
     extent = np.ptp(position, axis=0).max()
     untaught = np.abs(dmp.learned) <= NO_WAY * extent
     moving = untaught & (np.ptp(position, axis=0) > NO_WAY * extent)
@@ -567,7 +567,7 @@ def _untaught(dmp: DMP, position: Array) -> NDArray[np.bool_]:
 
 
 def _tell_few(n_steps: int, n_basis: int, n_ends: int) -> None:
-    """Warn of more weights than samples; `n_ends` samples are met whatever the weights."""
+    """Warn of more weights than samples, of which `n_ends` are always met."""
     telling = n_steps - n_ends
     if n_basis > telling:
         fewer = f"give n_basis = {telling} or less, or " if telling > 0 else ""
@@ -580,7 +580,7 @@ def _tell_few(n_steps: int, n_basis: int, n_ends: int) -> None:
 
 
 def _tell_far(dmp: DMP, recording: Recording, at_rest: bool) -> None:
-    """Warn of a fit that is far from its recording, with what brings it nearer."""
+    """Warn of a fit far from its recording, with advice."""
     error, extent = (
         dmp.fit_error(recording),
         extent_of(recording.position[:: len(recording.time) // N_SEEN + 1]),
@@ -599,7 +599,7 @@ def _tell_far(dmp: DMP, recording: Recording, at_rest: bool) -> None:
 
 
 def _nearer(dmp: DMP, recording: Recording, at_rest: bool, allowed: float) -> str:
-    """Say which options bring a fit within a distance from its recording."""
+    """Return advice on how to bring a fit near its recording."""
     every = slice(None, None, len(recording.time) // N_TRIED + 1)
     time, position = recording.time[every] - recording.time[0], recording.position[every]
 
@@ -625,7 +625,7 @@ def _nearer(dmp: DMP, recording: Recording, at_rest: bool, allowed: float) -> st
 
 
 def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int, block: int = 4000) -> Array:
-    """Solve a least-squares problem; for long recordings by normal equations, block by block, to limit the memory.
+    """Solve a least-squares problem. Long ones are solved block by block, by normal equations, to limit the memory.
 
     The weights are scaled well (condition numbers of a few hundred), so squaring the condition number does no harm.
 

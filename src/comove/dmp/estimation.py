@@ -1,16 +1,16 @@
 """Estimation of a Gaussian over movements, from few of them.
 
-Of n movements the sample covariance has rank n - 1 at most: it allows nothing but mixtures of the recordings, and
-says that instants far apart hang together by chance. So it is tapered, as covariances of small ensembles are in
-weather forecasts (Hamill, Whitaker and Snyder, 2001): the sample covariance of the positions at two instants is
-multiplied by a correlation that falls with the time between them,
+Of n movements the sample covariance has rank n - 1 at most: it allows only mixtures of the recordings, and correlates
+distant instants by chance. So it is tapered, as covariances of small ensembles are in weather forecasts (Hamill,
+Whitaker and Snyder, 2001): the sample covariance of the positions at two instants is multiplied by a correlation that
+falls with the time between them,
 
     C(s, s') = S(s, s') k(|s - s'| / length),   k(r) = (1 + r + r^2 / 3) exp(-r)   (Matern, 5/2).
 
-What is known best stays as it was: the variances at every instant, and the covariances between coordinates and hands
-at one instant. The product is positive (Schur). The length is the one under which movements that are left out in
-turn are most likely. All variances are those of the next movement, given that mean and variance are known from n
-movements only (the moments of Student's predictive distribution): S (1 + 1/n) (n - 1) / (n - 3).
+The best-known values stay the same: the variances at every instant, and the covariances between coordinates and end
+effectors at one instant. The product is positive (Schur). The length is the one under which movements that are left
+out in turn are most likely. All variances are those of the next movement, given that mean and variance are known from
+n movements only (the moments of Student's predictive distribution): S (1 + 1/n) (n - 1) / (n - 3).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start 
 
 @dataclass(frozen=True)
 class EstimationSettings:
-    """Settings of how a distribution is learned from few movements.
+    """Settings of learning a distribution from few movements.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ USUAL = EstimationSettings()
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A Gaussian over positions at even instants, whose mean is linear in a context.
+    """A Gaussian over positions at even instants; linear in a context.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def estimate(
 
 
 def regression(values: Array, contexts: Array, ridge: float = 1e-9) -> tuple[Array, Array, Array]:
-    """Return mean at the context 0, slopes and residual covariance of a linear regression, with a relative ridge."""
+    """Return mean, slopes and residual covariance of a ridge regression. The mean is that at context 0."""
     n, n_context = contexts.shape
     middle, centre = values.mean(axis=0), contexts.mean(axis=0)
     away = contexts - centre
@@ -133,7 +133,7 @@ def regression(values: Array, contexts: Array, ridge: float = 1e-9) -> tuple[Arr
 
 
 def widening(n: int, n_context: int = 0) -> float:
-    """Return the ratio of the variance of the next movement to the sample variance of n movements.
+    """Return the ratio of predictive to sample variance of n movements.
 
     Four degrees of freedom are assumed at least, as two would make the variance infinite.
     """
@@ -142,14 +142,14 @@ def widening(n: int, n_context: int = 0) -> float:
 
 
 def taper(n_steps: int, n_columns: int, length: float) -> Array:
-    """Return the correlation k of even instants, for all pairs of columns; column after column."""
+    """Return the correlations k of even instants, column after column."""
     s = np.linspace(0.0, 1.0, n_steps)
     r = np.abs(s[:, None] - s) / length
     return np.tile((1.0 + r + r**2 / 3.0) * np.exp(-r), (n_columns, n_columns))
 
 
 def _log_density(covariance: Array, noise: Array, away: Array) -> float:
-    """Return the log density, less a constant, of deviations from the mean that are seen with noise."""
+    """Return the log density of noisy deviations, up to a constant."""
     total = covariance + np.diag(noise**2)
     root = np.linalg.cholesky(total)
     white = np.linalg.solve(root, away.T)
@@ -157,7 +157,7 @@ def _log_density(covariance: Array, noise: Array, away: Array) -> float:
 
 
 def features(basis: MotionBasis, s: Array) -> Array:
-    """Return psi: position, velocity and acceleration in unit duration, caused by a unit of every parameter.
+    """Return psi: position, velocity and acceleration by unit parameters. They are in unit duration.
 
     Returns
     -------
@@ -167,17 +167,17 @@ def features(basis: MotionBasis, s: Array) -> Array:
 
 
 def fitted_parameters(basis: MotionBasis, s: Array, position: Array) -> tuple[Array, Array]:
-    """Return the parameters of one recording, shape (n_columns, 4 + n_basis), and the errors of its coordinates."""
+    """Return a recording's parameters, shape (n_columns, 4 + n_basis), and errors."""
     parameters = (solver(basis, s) @ position).T
     error = np.sqrt(((position - features(basis, s)[0] @ parameters.T) ** 2).mean(axis=0))
     return parameters, error
 
 
 def solver(basis: MotionBasis, s: Array, ridge: float = 1e-7) -> Array:
-    """Return the matrix from the positions at shares `s` of the course to the parameters of the nearest movement.
+    """Return the matrix from positions at shares `s` to parameters.
 
-    Both ends are those of the first and the last position exactly. `ridge` is that of the fit, relative to the share
-    of the course.
+    The parameters are those of the nearest movement. Both ends are those of the first and the last position exactly.
+    `ridge` is that of the fit, relative to the share of the duration.
 
     Returns
     -------
@@ -197,13 +197,13 @@ def solver(basis: MotionBasis, s: Array, ridge: float = 1e-7) -> Array:
 
 
 def without_noise(covariance: Array, least: float) -> Array:
-    """Return a covariance in which what has a standard deviation below `least` does not vary at all."""
+    """Return a covariance with zeros for standard deviations below `least`."""
     varies = np.diag(covariance) > least**2
     return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
 
 
 def checked_contexts(contexts: ArrayLike | None, n: int) -> Array:
-    """Return the contexts of n recordings, shape (n, n_context), after a check; none have n_context = 0."""
+    """Return n recordings' contexts, shape (n, n_context), checked. None have n_context = 0."""
     if contexts is None:
         return np.zeros((n, 0))
     array = numbers(contexts)
@@ -230,7 +230,7 @@ def checked_contexts(contexts: ArrayLike | None, n: int) -> Array:
 
 
 def notes_of(durations: Array, alignment: Alignment, gaussian: Estimate, wider: float) -> tuple[str, ...]:
-    """Return how a distribution was learned, in words."""
+    """Return in words how a distribution was learned."""
     times = f"{durations.min():.4g} to {durations.max():.4g} s"
     how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
     why = "chosen by leaving recordings out in turn"

@@ -1,8 +1,8 @@
-"""Files of learned primitives: JSON that holds the movement, its origin, and a checksum that reveals changes.
+"""JSON files of learned primitives, with origin and checksum.
 
 Numbers are written in full precision: reading returns bit for bit the numbers written, and equal primitives make
-equal files. `sha256` covers everything else in the file. `trace` holds points of the movement, so that weights meant
-for another basis are noticed, and other programs can draw the movement without any knowledge of primitives.
+equal files. `sha256` covers everything else in the file. `trace` holds points of the movement, so that weights of
+another basis are detected, and other programs can draw the movement.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ COPY_ANEW = f"copy it anew, or {LEARN_AGAIN}"
 
 @dataclass(frozen=True)
 class Provenance:
-    """Holds the origin of a learned primitive and how well the primitive fits its recording.
+    """The origin of a learned primitive, and its fit error.
 
     Attributes
     ----------
@@ -74,12 +74,12 @@ class Provenance:
 
 @dataclass(frozen=True, eq=False)
 class Primitive:
-    """A movement that has a name and a history: the content of one file.
+    """A movement with a name and a history: a file's content.
 
     Attributes
     ----------
     name : name of the primitive
-    dmp : the movement, of one hand or of several that cooperate; an average or a distribution of movements
+    dmp : the movement, of one end effector or of several that cooperate; an average or a distribution of movements
     unit : unit of its positions
     provenance : origin of a learned primitive; None if it was made in another way
     notes : how it was made otherwise, in words
@@ -95,20 +95,20 @@ class Primitive:
 
     @property
     def kind(self) -> str:
-        """Return the kind of the movement: position, pose, distribution, poses, average or cooperative."""
+        """Return the kind: position, pose, distribution, poses, average or cooperative."""
         return kind_of(self.dmp).name
 
     @property
     def is_joints(self) -> bool:
-        """Return whether it is a movement of joints, which no end effector can follow as a path."""
+        """Return whether it is a joint movement, not an end effector's."""
         return is_of_joints(self.unit)
 
     @property
     def followed(self) -> DMP | PoseDMP | ProMP:
         """Return the movement that a scene can follow.
 
-        It is the mean of an average, the distribution of positions of one of poses, and of hands that cooperate the
-        load's movement, or else the first hand's.
+        It is the mean of an average, the distribution of positions of one of poses, and of cooperating end effectors
+        the payload's movement, or else the first one's.
         """
         if isinstance(self.dmp, PoseProMP):
             return self.dmp.positions
@@ -120,7 +120,7 @@ class Primitive:
 
     @property
     def positions(self) -> DMP:
-        """Return what is followed of the position; of a distribution the mean, in all coordinates of its hands."""
+        """Return the followed positions; of a distribution the mean of all coordinates."""
         dmp = self.followed
         if isinstance(dmp, ProMP):
             return dmp.mean
@@ -139,7 +139,7 @@ def learn(
     poses: bool = False,
     at_rest: bool = True,
 ) -> Primitive:
-    """Fit a primitive to a recording, and note its origin and how well it fits.
+    """Fit a primitive to a recording, with origin and fit error.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def learn_distribution(
     alignment: str = "duration",
     poses: bool = False,
 ) -> Primitive:
-    """Fit a distribution of movements to several recordings, and note their origin.
+    """Fit a distribution of movements to several recordings, with their origin.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def learn_distribution(
 
 
 def checksum(demonstration: Demonstration) -> str:
-    """Return the SHA-256 of a recording: shapes and bytes of time, position and, if present, orientation."""
+    """Return the SHA-256 of a recording's times, positions and orientations."""
     digest = hashlib.sha256()
     for array in (demonstration.time, demonstration.position, demonstration.orientation):
         if array is not None:
@@ -223,7 +223,7 @@ def checksum(demonstration: Demonstration) -> str:
 
 
 def write_primitive(path: str | os.PathLike[str], primitive: Primitive, *, replace: bool = True) -> None:
-    """Write a primitive to a file; if that fails, no partial file is left.
+    """Write a primitive to a file, completely or not at all.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def read_primitive(path: str | os.PathLike[str]) -> Primitive:
     Raises
     ------
     LibraryError
-        If the file is missing, not a primitive, incomplete or changed; names the key and the way out.
+        If the file is missing, not a primitive, incomplete or changed; names the key and a hint.
     """
     path = existing_file(path, MAX_BYTES, "name the file of a primitive", LibraryError)
     with telling(path, error=LibraryError):
@@ -343,7 +343,7 @@ def require_name(name: str, file: object = None) -> str:
 
 
 def _read(content: dict[str, Any], file: object) -> Primitive:
-    """Return the primitive of contents that nobody changed, after a check that it is the movement that was traced."""
+    """Return the primitive of unchanged contents, checked against its trace."""
     try:
         unchanged = content.get("sha256") == _sha256(content)
     except (ValueError, RecursionError):  # what is not finite, or nested without end, was never written
@@ -397,19 +397,18 @@ def _built(content: dict[str, Any], file: object) -> Primitive:
 
 
 def _trace(primitive: Primitive) -> Array:
-    """Return the coordinates at even shares of the duration; array, shape (TRACED, n_columns)."""
     return traced(primitive.dmp, np.linspace(0.0, primitive.dmp.duration, TRACED))
 
 
 def _sha256(content: Mapping[str, Any]) -> str:
-    """Return the checksum of all but itself: canonical JSON, sorted keys, no blanks, numbers as Python's `repr`."""
+    """Return the checksum of all other entries, as JSON with sorted keys."""
     sealed = {key: value for key, value in content.items() if key != "sha256"}
     text = json.dumps(sealed, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _laid_out(value: Any, indent: str = "") -> str:
-    """Format JSON readably: one line per entry of a mapping or list of lists, one line per list of numbers."""
+    """Format JSON with a line per entry, or per list of numbers."""
     inner = indent + "  "
     if isinstance(value, dict) and value:
         lines = [f"{inner}{json.dumps(key)}: {_laid_out(entry, inner)}" for key, entry in value.items()]

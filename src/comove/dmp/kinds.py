@@ -1,7 +1,7 @@
-"""Kinds of movements that the files of primitives hold: how each is written, read and traced.
+"""Kinds of movements in files, and how they are written and read.
 
 Writing gives mappings, lists and numbers for JSON, reading builds the movement of them, which checks itself. `traced`
-gives the coordinates of a movement at some instants, by which weights that were made for another basis are noticed.
+gives the coordinates of a movement at some instants, which reveal weights of another basis.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def traced(movement: Movement, time: Array) -> Array:
     """Return the coordinates at some times [s]; array, shape (n_steps, n_columns).
 
     Positions come first, then rotation vectors or angles; standard deviations follow the mean of a distribution, and
-    of hands that cooperate all movements follow each other.
+    of cooperating end effectors all movements follow each other.
     """
     if isinstance(movement, ProMP):
         return np.concatenate([movement.mean_at(time), movement.std_at(time)], axis=1)

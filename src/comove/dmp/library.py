@@ -1,4 +1,4 @@
-"""A folder of primitives, and a search in it for the primitives nearest to given properties.
+"""A folder of primitives, searched by distance from given properties.
 
 The folder holds one file `NAME.dmp.json` per primitive; the file's name is the primitive's. Other files are ignored.
 
@@ -50,7 +50,7 @@ class Match:
     ----------
     name : name of the primitive
     distance : distance with all terms
-    shape : Procrustes distance to the wanted shape; this and the following terms are None if they were not asked for
+    shape : Procrustes distance to the wanted shape; this and the following terms are None if not requested
     start, goal : distances from the wanted start and goal, in the movement's unit
     duration : ratio of the duration to the wanted one
     """
@@ -64,7 +64,7 @@ class Match:
 
 
 class Library:
-    """A folder that holds primitives; every method looks at the present content of the folder.
+    """A folder that holds primitives. Every method reads the present content of the folder.
 
     Parameters
     ----------
@@ -79,12 +79,12 @@ class Library:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the primitives, damaged ones included, sorted."""
+        """Return the primitives' names, sorted, damaged ones included."""
         return tuple(sorted(name.removesuffix(SUFFIX) for name in self._entries() if _is_ours(name)))
 
     @property
     def foreign(self) -> tuple[str, ...]:
-        """Return the names of the files in the folder that are not primitives, sorted; hidden files are left out."""
+        """Return the other visible files in the folder, sorted."""
         ours = _is_ours
         return tuple(sorted(name for name in self._entries() if not ours(name) and not name.startswith(".")))
 
@@ -107,7 +107,7 @@ class Library:
         return self.get(name)
 
     def read_all(self) -> tuple[list[Primitive], dict[str, LibraryError]]:
-        """Return the primitives that can be read, and the errors of the others, by name."""
+        """Return the readable primitives, and the others' errors by name."""
         primitives, damaged = [], {}
         for name in self.names:
             try:
@@ -117,7 +117,7 @@ class Library:
         return primitives, damaged
 
     def path(self, name: str) -> Path:
-        """Return the path of the file of a primitive, whether it exists or not."""
+        """Return the path of a primitive's file, existing or not."""
         return self.folder / f"{require_name(name, self.folder)}{SUFFIX}"
 
     def get(self, name: str) -> Primitive:
@@ -135,7 +135,7 @@ class Library:
         return renamed(read_primitive(path), name)
 
     def add(self, primitive: Primitive, name: str | None = None, *, replace: bool = False) -> Path:
-        """Add a primitive to the folder, completely or not at all, even if other processes add it at the same time.
+        """Add a primitive to the folder, completely or not at all. Other processes may add it at the same time.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Library:
         return path
 
     def require_room(self) -> None:
-        """Check, before a long computation, that primitives can be added.
+        """Raise LibraryError if primitives cannot be added, before a long computation.
 
         Raises
         ------
@@ -270,7 +270,7 @@ class Library:
 def _ranked(
     primitives: Sequence[Primitive], wanted: dict[str, Array], duration: float | None, shape: Movement | None
 ) -> list[Match]:
-    """Return the matches of primitives of one dimension, nearest first; what differs by rounding only, by name."""
+    """Return the matches of one dimension, nearest first, ties by name."""
     if not primitives:
         return []
     terms: dict[str, Array] = {}
@@ -347,9 +347,7 @@ def _point(name: str, value: ArrayLike) -> Array:
 
 
 def _way(wanted: dict[str, Array], primitives: Sequence[Primitive]) -> float:
-    """Return the length by which the distances of the ends are divided: a displacement, or a share of the extent
-    where the ends are nearer, of which the length is that of noise.
-    """
+    """Return the divisor of distances of ends: their displacement, or more if noise."""
     movements = [p.positions for p in primitives]
     if len(wanted) == 2:
         way = float(np.linalg.norm(wanted["goal"] - wanted["start"]))

@@ -1,8 +1,8 @@
-"""Via-points and limits of a primitive, imposed by small quadratic programmes in its weights.
+"""Via-points and limits of a primitive, by quadratic programmes in its weights.
 
-Position, velocity and acceleration are linear in the shape weights, so via-points are linear equations and limits
-of every coordinate are linear inequalities. Of all movements that satisfy them, the programme selects the one nearest
-to the given movement, in the metric in which the weights are orthonormal (the velocity's). Between two knots the
+Position, velocity and acceleration are linear in the shape weights, so via-points are linear equations and limits of
+every coordinate are linear inequalities. Of all movements that satisfy them, the programme selects the one nearest to
+the given movement, in the metric in which the weights are orthonormal (the velocity's). Between two knots the
 acceleration is ``(P + Q t) exp(-omega t)``, so the largest velocity and acceleration over continuous time are known
 exactly; where they exceed a limit between the knots, the limit at the knots is lowered and the programme solved
 again.
@@ -41,7 +41,7 @@ class ViaPoint:
 
 
 def largest(dmp: DMP) -> tuple[Array, Array]:
-    """Compute the largest velocity and acceleration of every coordinate over continuous time.
+    """Compute every coordinate's largest velocity and acceleration in continuous time.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def constrained(
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
 ) -> DMP:
-    """Return the movement nearest to `dmp`, with the same ends and duration, that passes via-points and keeps limits.
+    """Return the nearest movement that passes via-points and keeps limits. Ends and duration are those of `dmp`.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def _solved(
     limits: Array,
     dimension: int,
 ) -> Array:
-    """Compute the shape weights of one coordinate that are nearest to `weights`; arrays, shape (n_basis,).
+    """Compute one coordinate's shape weights nearest to `weights`; shape (n_basis,).
 
     `limits` holds the limits of velocity and acceleration in unit duration, infinite where there is none.
     """
@@ -145,7 +145,7 @@ def _solved(
 
 
 def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: int) -> Array | None:
-    """Solve ``min |z - weights|^2`` subject to ``lower <= rows z <= upper``, first `n_equal` rows with equality."""
+    """Return the z nearest to `weights`: ``lower <= rows z <= upper``, the first `n_equal` rows with equality."""
     import daqp
 
     # Equations are met by elimination, exactly; the programme is left with the inequalities.
@@ -199,7 +199,7 @@ def _largest(knots: Array) -> tuple[Array, Array]:
 
 
 def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
-    """Return rows of [B Phi] and their target values; arrays, shapes (n_rows, 4 + n_basis) and (n_rows, n_dims)."""
+    """Return rows of [B Phi] and their target values. Shapes are (n_rows, 4 + n_basis) and (n_rows, n_dims)."""
     rows, targets = [np.zeros((0, 4 + dmp.weights.shape[1]))], [np.zeros((0, dmp.n_dims))]
     if not isinstance(via, (list, tuple)) or not all(isinstance(point, ViaPoint) for point in via):
         raise OptionError(f"via = {via!r}", way_out="give a list of ViaPoint(time, position)")
@@ -220,7 +220,7 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
 
 
 def limits_of(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
-    """Return the limit of every coordinate, infinite if none is given; array, shape (n_dims,)."""
+    """Return every coordinate's limit, infinite if none; array, shape (n_dims,)."""
     limit = numbers(np.inf if value is None else value)
     if limit.shape not in ((), dmp.start.shape) or not (limit > 0).all():
         raise OptionError(f"{name} = {value!r}", way_out=f"give a positive number, or {dmp.n_dims} of them")

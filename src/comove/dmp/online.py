@@ -1,11 +1,11 @@
-"""Execution step by step: a curve to follow, and a decaying deviation from it.
+"""Stepwise execution: a curve to follow, and a decaying deviation.
 
 The transformed system is linear, so its state is the sum of the undisturbed movement, known in closed form at every
 phase, and a deviation e that obeys the same equation without goal and forcing,
 
     e'' = -alpha_y e' - alpha_y beta_y e + coupling,
 
-in units of duration. Both are advanced exactly, whatever the step; so is a coupling velocity, which moves the
+in units of duration. Both are advanced exactly for any step; so is a coupling velocity, which moves the
 position beside the system's own. Because the curve depends on the phase alone, a movement can be slowed down and run
 backwards without leaving its path, while the deviation decays; in a pause both stand still. A goal that moves
 changes the curve: a bridge, a polynomial of fifth degree, leads to the new curve without a jump in position,
@@ -31,7 +31,7 @@ TO_ZERO = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8, 
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
-    """The remaining difference from the former curve: zero, with two derivatives, outside `first` to `last`.
+    """The remaining difference from the former curve. It is zero, with two derivatives, outside `first` to `last`.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Bridge:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A movement in unit duration that can be evaluated exactly at every phase.
+    """A movement in unit duration, exact at every phase.
 
     Attributes
     ----------
@@ -83,19 +83,20 @@ class Curve:
     bridge: Bridge | None = None
 
     def at(self, s: float) -> Array:
-        """Return position and two derivatives by the phase `s`, which is in durations; array, shape (3, n_dims)."""
+        """Return position and two derivatives at phase `s`; shape (3, n_dims)."""
         inside = s - floor(s) if self.periodic else max(s, 0.0)
         values = values_at(self.knots, self.force, self.goal, np.array([inside]))[:, 0]
         return values if self.bridge is None else values + self.bridge.at(s)
 
     def after(self, former: Curve, s: float) -> Curve:
-        """Return this curve with a bridge from the `former` one, which is left at the phase `s`."""
+        """Return this curve with a bridge from `former` at phase `s`."""
         return self.bridged(former.at(s) - replace(self, bridge=None).at(s), s)
 
     def bridged(self, gap: Array, s: float, shortest: float = 0.2) -> Curve:
-        """Return this curve with a bridge that begins at the difference `gap` (3, n_dims) at the phase `s`.
+        """Return this curve with a bridge from a difference at `s`.
 
-        It ends with the movement, but lasts `shortest` durations at least; in a cycle it lasts a period.
+        `gap` has shape (3, n_dims). The bridge ends with the movement, but lasts `shortest` durations at least; in a
+        cycle it lasts a period.
         """
         if self.periodic:
             return replace(self, bridge=Bridge(gap, s - 1.0, s, s + 1.0))
@@ -104,7 +105,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class DMPState:
-    """Holds the state of an execution. Change it by `dataclasses.replace`, and continue.
+    """The state of an execution. Change it by `dataclasses.replace`, and continue.
 
     Attributes
     ----------
@@ -134,7 +135,7 @@ class DMPState:
 
     @property
     def velocity(self) -> Array:
-        """Return the velocity, array of shape (n_dims,), [m/s]; it is zero while the movement is paused."""
+        """Return the velocity [m/s], shape (n_dims,); zero in a pause."""
         return self.slope * (self.rate / self.duration)
 
 
@@ -198,7 +199,7 @@ def advance(
 
 
 def rate_for_lag(lag: float, tolerance: float) -> float:
-    """Return the pace of the phase for a robot that lags behind: phase stopping (Ijspeert et al., 2013).
+    """Return the pace of the phase for a robot that lags. This is phase stopping (Ijspeert et al., 2013).
 
     Parameters
     ----------

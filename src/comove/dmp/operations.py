@@ -1,4 +1,4 @@
-"""Operations on movements: blend, coactivate, put in sequence, mirror, rotate, scale, retime and reverse.
+"""Operations on movements: blend, sequence, mirror, rotate, scale, retime, reverse.
 
 All are pure functions and exact up to rounding, unless they say otherwise. Rollouts to mirrored, rotated and scaled
 goals equal the mirrored, rotated and scaled rollouts of the original movement. Only the classic variant, which scales
@@ -38,7 +38,7 @@ PRECISION_FLOOR = 1e-6  # of the mean variance, added to all: what never varies 
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
-    """Mirror the movement in a line (in the plane) or a plane (in space).
+    """Mirror the movement in a line or a plane. The line is for planar movements, the plane for spatial ones.
 
     Parameters
     ----------
@@ -97,12 +97,12 @@ def scale(dmp: DMP, factor: float, *, about: ArrayLike | None = None) -> DMP:
 
 
 def retime(dmp: DMP, duration: float) -> DMP:
-    """Return the movement on the same path with another duration [s] (the period, if it is rhythmic)."""
+    """Return the movement on the same path with another duration [s]."""
     return dmp.towards(duration=duration)
 
 
 def reverse(dmp: DMP, *, n_basis: int | None = None) -> DMP:
-    """Reverse the movement, so that it runs from its goal to its start.
+    """Reverse the movement, from its goal to its start.
 
     The ends and their velocities are exact. Between them the damped system cannot be run backwards, so the shape is
     fitted again. With twice as many weights, the default, the handwriting of the LASA set is reproduced within 2e-4
@@ -128,11 +128,11 @@ def reverse(dmp: DMP, *, n_basis: int | None = None) -> DMP:
 
 
 def blend(a: DMP, b: DMP, share: float) -> DMP:
-    """Blend two movements: at equal shares of the durations the result is ``(1 - share) a + share b``.
+    """Blend two movements as ``(1 - share) a + share b``. They are sampled at equal shares of their durations.
 
     Ends, end velocities in units of duration, weights and durations are interpolated. Movements with different
-    variants, phases or numbers of weights are first converted: b takes the variant and phase of a, and both take the
-    larger number of weights; this conversion is a fit and not exact.
+    variants, phases or numbers of weights are first converted: b gets the variant and phase of a, and both the larger
+    number of weights; this conversion is a fit and not exact.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
 
 @dataclass(frozen=True, eq=False)
 class MovementSequence:
-    """Movements that follow one another, or overlap; position and velocity are continuous.
+    """Movements that follow one another, or overlap. Position and velocity are continuous.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class MovementSequence:
         return self.begins[-1] + self.parts[-1].duration
 
     def at(self, time: ArrayLike) -> Trajectory:
-        """Return positions and velocities at the times `time` [s], array of shape (n_steps,)."""
+        """Return positions and velocities at times [s], shape (n_steps,)."""
         time = np.asarray(time, dtype=float)
         position, velocity = np.zeros((2, len(time), self.n_dims))
         for part, begin in zip(self.parts, self.begins, strict=True):
@@ -206,7 +206,7 @@ class MovementSequence:
         return self.at(np.linspace(0.0, self.duration, n_steps))
 
     def fitted(self, *, n_basis: int | None = None, phase: Phase | None = None) -> DMP:
-        """Fit one primitive to the whole sequence; both ends and their velocities are exact.
+        """Fit one primitive to the whole sequence. Both ends and their velocities are exact.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ def sequence(*movements: DMP, overlap: float = 0.0) -> MovementSequence:
     Raises
     ------
     OptionError
-        If the movements do not fit together, or an overlap is asked for and one of them ends in motion.
+        If the movements do not fit together, or overlap and one of them ends in motion.
     """
     if not movements:
         raise OptionError("there is no movement", way_out="give two or more")
@@ -272,7 +272,7 @@ def sequence(*movements: DMP, overlap: float = 0.0) -> MovementSequence:
 
 
 def settled(dmp: DMP) -> DMP:
-    """Return the same movement with weights for its present ends, with the scaling by the variant applied to them."""
+    """Return the same movement with the variant's scaling applied to its weights."""
     displacement = dmp.goal - dmp.start
     if dmp.variant is Variant.CLASSIC:
         return replace(dmp, weights=dmp.shape_weights, learned=displacement, variant=Variant.CLOSED_FORM)
@@ -284,7 +284,7 @@ def settled(dmp: DMP) -> DMP:
 def refitted(
     dmp: DMP, *, n_basis: int | None = None, phase: Phase | None = None, variant: Variant | str | None = None
 ) -> DMP:
-    """Fit the movement in another basis: both ends and their velocities exact, the shape by least squares.
+    """Fit the movement in another basis by least squares. Both ends and their velocities are exact.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def in_space(dmp: DMP, plane: str) -> DMP:
 
 
 def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
-    """Map the movement by ``y -> about + M (y - about)``, M a rotation or reflection times a scale."""
+    """Map the movement by ``y -> about + M (y - about)``. M is a rotation or reflection times a scale."""
     require_positions(dmp)
     along_axes = (np.abs(matrix) > 1e-15).sum(axis=1).max() == 1
     if dmp.variant is Variant.CLASSIC and not along_axes:
@@ -351,16 +351,16 @@ def _require_ending(dmp: DMP, doing: str) -> None:
 def coactivated(
     promps: Sequence[ProMP], activations: ArrayLike, *, length: float = USUAL.usual_length
 ) -> ProMP:
-    """Return the product of several distributions at every instant (Paraschos et al., 2018).
+    """Return the product of distributions at every instant (Paraschos et al., 2018).
 
     Each is raised to its activation, from 0 (it has no part) to 1.
 
     Parameters
     ----------
-    promps : distributions of the same manipulators and dimension; the first one's basis and duration are taken
-    activations : array, shape (n_promps,), or (n_promps, n_steps) at even shares of the course; from 0 to 1
-    length : length over which instants of the result hang together [durations]; a product at each instant tells
-        nothing of that
+    promps : distributions of the same manipulators and dimension; the result has the first one's basis and duration
+    activations : array, shape (n_promps,), or (n_promps, n_steps) at even shares of the duration; from 0 to 1
+    length : length over which instants of the result correlate [durations]; a product at each instant does not
+        determine it
 
     Raises
     ------

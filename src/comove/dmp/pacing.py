@@ -1,6 +1,6 @@
-r"""The least time along the path of a movement, within limits of velocity and acceleration.
+r"""Least time along a movement's path, within velocity and acceleration limits.
 
-A movement y(s) keeps its path whatever the progress s(t). With ``x = (ds/dt)^2`` and ``u = d^2 s / dt^2`` the limits
+A movement y(s) keeps its path for any progress s(t). With ``x = (ds/dt)^2`` and ``u = d^2 s / dt^2`` the limits
 of every coordinate are linear,
 
     |y'| sqrt(x) <= v,        |y' u + y'' x| <= a,        dx/ds = 2 u,
@@ -9,7 +9,7 @@ and the fastest progress has the largest x everywhere (Bobrow, Dubowsky and Gibs
 (reachability analysis; Pham and Pham, 2018): backwards the largest x from which the end can still be reached at every
 knot, then forwards the largest u that stays below. u is constant between two knots, and the limits are imposed at
 both knots and in the middle of them. Where the parabola through these exceeds a limit in between, the limit is
-lowered and both passes are made again; what is left is made up for by slowing down all of it a little.
+lowered and both passes are made again; the remaining violation is removed by slowing the whole motion slightly.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class PacingSettings:
 
     Attributes
     ----------
-    n_rounds : times that both passes are made at most, each with lower limits where they were exceeded
-    margin : share of a limit that is left free for what the parabola between knots does not show
+    n_rounds : largest number of times that both passes are made, each with lower limits where they were exceeded
+    margin : share of a limit left free for the error of the parabola between knots
     """
 
     n_rounds: int = 5
@@ -51,7 +51,7 @@ class PacingSettings:
 
 @dataclass(frozen=True, eq=False)
 class PacedDMP:
-    """A movement on its own path at another pace, which changes on the way.
+    """A movement on its own path with another time scaling.
 
     Attributes
     ----------
@@ -70,21 +70,21 @@ class PacedDMP:
         return float(self.time[-1])
 
     def progress_at(self, time: ArrayLike) -> Array:
-        """Return the progress, 0 at the start and 1 at the end, at times [s]; arrays, shape (n_steps,)."""
+        """Return the progress, 0 to 1, at times [s]; shape (n_steps,)."""
         return self._course(instants(time))[0]
 
     def pace_at(self, time: ArrayLike) -> Array:
-        """Return the pace, 1 where it is the movement's own, at times [s]; arrays, shape (n_steps,)."""
+        """Return the pace relative to the movement's own at times [s]; shape (n_steps,)."""
         return self._course(instants(time))[1] * self.dmp.duration
 
     def rate(self, time: float, dt: float) -> float:
-        """Return the mean pace from `time` to ``time + dt`` [s]: the `rate` of that step of `DMP.step`."""
+        """Return the mean pace from `time` to ``time + dt`` [s]. It is the `rate` of that step of `DMP.step`."""
         require_positive("dt", dt, of="seconds")
         before, after = self.progress_at([time, time + dt])
         return float((after - before) * self.dmp.duration / dt)
 
     def at(self, time: ArrayLike) -> Trajectory:
-        """Return positions and velocities at the times `time` [s], array of shape (n_steps,)."""
+        """Return positions and velocities at times [s], shape (n_steps,)."""
         time = instants(time)
         progress, speed = self._course(time)
         played = self.dmp.at(progress * self.dmp.duration)
@@ -97,7 +97,7 @@ class PacedDMP:
         return self.at(np.linspace(0.0, self.duration, n_steps))
 
     def _course(self, time: Array) -> tuple[Array, Array]:
-        """Return progress and its speed; before the start and after the end the speed of the end goes on."""
+        """Return progress and its speed, constant before start and after end."""
         k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, N_INTERVALS - 1)
         passed, length = time - self.time[k], self.time[k + 1] - self.time[k]
         first, last = self.speed[k], self.speed[k + 1]
@@ -117,16 +117,16 @@ def slowed(
     pace: float = 1.0,
     settings: PacingSettings = PacingSettings(),
 ) -> PacedDMP:
-    """Return the movement along its own path in the least time that satisfies the limits.
+    """Return the movement on its path in least time within limits.
 
-    The movement slows down only where limits ask for it, and nowhere exceeds the given pace. Where it does not begin
+    The movement slows down only where limits require it, and nowhere exceeds the given pace. Where it does not begin
     and end at rest, it begins and ends at its own pace at most.
 
     Parameters
     ----------
     velocity, acceleration : limits per coordinate; a number or an array of shape (n_dims,), [m/s] and [m/s^2]
     pace : largest pace: 1 for nowhere faster than the movement itself, infinity for as fast as the limits allow
-    settings : how long and how closely is searched
+    settings : settings of the search
 
     Raises
     ------
@@ -162,7 +162,7 @@ def slowed(
 
 
 def _derivatives(dmp: DMP) -> tuple[Array, Array]:
-    """Return y' and y'' with respect to the progress at the knots and between them; arrays, (2 N + 1, n_dims)."""
+    """Return y' and y'' at and between knots; shape (2 N + 1, n_dims). They are with respect to the progress."""
     curve = dmp.curve
     middles: Array = np.linspace(0.5 * INTERVAL, 1.0 - 0.5 * INTERVAL, N_INTERVALS)
     between = values_at(curve.knots, curve.force, curve.goal, middles)
@@ -172,14 +172,14 @@ def _derivatives(dmp: DMP) -> tuple[Array, Array]:
 
 
 def _largest(slope: Array, fastest: Array, speed: float) -> Array:
-    """Return the largest x that limits of velocity and pace allow, at and between knots; array, (2 N + 1,)."""
+    """Return the largest x within velocity and pace limits; shape (2 N + 1,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope != 0.0, fastest / np.abs(slope), np.inf)
     return np.asarray(np.minimum(allowed.min(axis=1), speed) ** 2, dtype=np.float64)
 
 
 def _rows(slope: Array, bend: Array, hardest: Array) -> tuple[Array, Array]:
-    """Return the factors of u and x in every limit of acceleration, |U u + X x| <= 1; arrays, (N, 3 n_dims)."""
+    """Return the factors of |U u + X x| <= 1; arrays, (N, 3 n_dims). These are the limits of acceleration."""
     cells = [slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2)]
     bends = np.stack([bend[cell] / hardest for cell in cells], axis=1)
     slopes = np.stack([slope[cell] / hardest for cell in cells], axis=1)
@@ -188,7 +188,7 @@ def _rows(slope: Array, bend: Array, hardest: Array) -> tuple[Array, Array]:
 
 
 def _limit_ends(cap: Array, slope: Array, bends: Array, duration: float) -> None:
-    """Limit the pace at both ends: the movement's own, or what can go on through the first and the last interval."""
+    """Limit the pace at both ends to the movement's own, or less."""
     least = STANDING * np.abs(slope).max(initial=0.0)
     for end in (0, -1):
         steady = np.abs(bends[end]).max(initial=0.0)
@@ -198,7 +198,7 @@ def _limit_ends(cap: Array, slope: Array, bends: Array, duration: float) -> None
 
 @kernel
 def _range(rows: Array, bends: Array, x: float, cap: tuple[float, float]) -> tuple[float, float]:
-    """Return the least and largest u in an interval that begins with x; `cap`: largest x in its middle and end."""
+    """Return the least and largest u in an interval. `x` is its first value, `cap` its largest in middle and end."""
     low, high = -x / (2 * INTERVAL), min((cap[0] - x) / INTERVAL, (cap[1] - x) / (2 * INTERVAL))
     for j in range(len(rows)):
         away = bends[j] * x
@@ -213,7 +213,7 @@ def _range(rows: Array, bends: Array, x: float, cap: tuple[float, float]) -> tup
 
 @kernel
 def _backwards(rows: Array, bends: Array, cap: Array) -> Array:
-    """Return the largest x at every knot from which the end can be reached; array, shape (N + 1,)."""
+    """Return the largest x from which the end is reachable; shape (N + 1,)."""
     reach = np.empty(len(rows) + 1)
     reach[-1] = cap[-1]
     for i in range(len(rows) - 1, -1, -1):
@@ -234,7 +234,7 @@ def _backwards(rows: Array, bends: Array, cap: Array) -> Array:
 
 @kernel
 def _forwards(rows: Array, bends: Array, cap: Array, reach: Array) -> Array:
-    """Return the largest x at every knot that can be reached from the start; array, shape (N + 1,)."""
+    """Return the largest x reachable from the start; shape (N + 1,)."""
     x = reach.copy()
     for i in range(len(rows)):
         low, high = _range(rows[i], bends[i], x[i], (cap[2 * i + 1], reach[i + 1]))
@@ -243,7 +243,7 @@ def _forwards(rows: Array, bends: Array, cap: Array, reach: Array) -> Array:
 
 
 def _shares(x: Array, slope: Array, bend: Array, fastest: Array, hardest: Array) -> Array:
-    """Return the largest share of its limit that an acceleration, or a squared velocity, has between two knots.
+    """Return the largest used share of acceleration and squared-velocity limits by interval.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-r"""Distributions of movements with orientations: Gaussians in the tangent space at the mean orientation.
+r"""Distributions of pose movements, Gaussian in the mean orientation's tangent space.
 
-Every hand's orientation is written as a rotation vector relative to the mean orientation of its recordings,
-``R = exp(r) R_ref``, as movements of poses have it. Positions and rotation vectors of all hands together are then
-coordinates of one `ProMP`: what holds for positions holds for poses, with the correlation of moving and turning and
-of the hands, and each movement that is drawn is a `PoseDMP` for every hand.
+Every end effector's orientation is written as a rotation vector relative to the mean orientation of its recordings,
+``R = exp(r) R_ref``, as movements of poses have it. Positions and rotation vectors of all end effectors together are
+then coordinates of one `ProMP`: its properties hold for poses, with the correlation of translation and rotation and
+of the end effectors, and each sampled movement is a `PoseDMP` for every end effector.
 
 Rotation vectors tell orientations apart up to half a turn from the mean; recordings that turn farther are refused.
 """
@@ -40,12 +40,12 @@ PoseRecordings = Sequence[PoseRecording | Mapping[str, PoseRecording]]
 
 @dataclass(frozen=True, eq=False)
 class PoseProMP:
-    """A distribution of movements of one or several manipulators in space, with their orientations.
+    """A distribution of pose movements of one or several manipulators.
 
     Attributes
     ----------
-    promp : distribution of the coordinates: of every hand the position [m], then the rotation vector [rad]
-    references : the orientation at which rotation vectors are zero, shape (4,), w x y z, of every hand
+    promp : distribution of the coordinates: of every end effector the position [m], then the rotation vector [rad]
+    references : the orientation at which rotation vectors are zero, shape (4,), w x y z, of every end effector
     """
 
     promp: ProMP
@@ -74,7 +74,7 @@ class PoseProMP:
         contexts: ArrayLike | None = None,
         settings: EstimationSettings = USUAL,
     ) -> PoseProMP:
-        """Estimate a distribution from several recordings with orientations, as `ProMP.fit` does for positions.
+        """Estimate a distribution from recordings with orientations, as `ProMP.fit`.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class PoseProMP:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return how it was learned, in words."""
+        """Return in words how it was learned."""
         return self.promp.notes
 
     @property
@@ -140,11 +140,11 @@ class PoseProMP:
         )
 
     def mean_at(self, time: ArrayLike) -> tuple[PoseTrajectory, ...]:
-        """Return the mean poses of every manipulator at the times `time` [s], array of shape (n_steps,)."""
+        """Return every manipulator's mean poses at times [s], shape (n_steps,)."""
         return tuple(movement.at(time) for movement in self.movements)
 
     def covariance_at(self, time: ArrayLike) -> Array:
-        """Return the covariance of positions and rotation vectors at the times `time` [s].
+        """Return the covariance of positions and rotation vectors at times [s].
 
         Returns
         -------
@@ -153,7 +153,7 @@ class PoseProMP:
         return self.promp.covariance_at(time)
 
     def sample(self, rng: np.random.Generator) -> tuple[PoseDMP, ...]:
-        """Draw a movement of every manipulator, all of them together; their ends are their own."""
+        """Draw movements of all manipulators together, with ends of their own."""
         return self._split(self.promp.sample(rng))
 
     def condition(
@@ -165,9 +165,7 @@ class PoseProMP:
         rotation_covariance: ArrayLike = 0.0,
         manipulator: str | None = None,
     ) -> PoseProMP:
-        """Return the distribution of the movements in which a hand has a pose at a time.
-
-        The others follow by their correlation.
+        """Return the distribution given an end effector's pose at a time. The others follow by their correlation.
 
         Parameters
         ----------
@@ -176,7 +174,7 @@ class PoseProMP:
         position_covariance : uncertainty of the position, as for `ProMP.condition` [m^2]
         rotation_covariance : uncertainty of the orientation: a variance, three about the world's axes, or a matrix
             [rad^2]
-        manipulator : name of the hand, where there are several
+        manipulator : name of the end effector, where there are several
         """
         index = self._index(manipulator)
         target = self._coordinates(pose, index)
@@ -197,11 +195,11 @@ class PoseProMP:
         goal: Pose | Mapping[str, Pose] | None = None,
         duration: float | None = None,
     ) -> PoseProMP:
-        """Return the distribution of the movements between given poses, which every sample then meets exactly.
+        """Return the distribution between given poses, met by every sample.
 
         Parameters
         ----------
-        start, goal : pose of the hand, or poses of all hands by name
+        start, goal : pose of the end effector, or poses of all by name
         duration : [s]
         """
         ends: dict[str, Any] = {}
@@ -211,7 +209,7 @@ class PoseProMP:
         return replace(self, promp=self.promp.towards(duration=duration, **ends))
 
     def log_likelihood(self, demonstration: PoseRecording | Mapping[str, PoseRecording]) -> float:
-        """Return the log density of a recording's samples, in positions [m] and rotation vectors [rad].
+        """Return the log density of a recording's samples. They are positions [m] and rotation vectors [rad].
 
         Raises
         ------
@@ -242,14 +240,14 @@ class PoseProMP:
         return 0 if manipulator is None else self.promp.index_of(manipulator)
 
     def _coordinates(self, pose: Pose, index: int) -> Array:
-        """Return position and rotation vector of a hand's pose; array, shape (6,)."""
+        """Return an end effector's position and rotation vector; shape (6,)."""
         if not isinstance(pose, Pose) or len(pose.position) != 3:
             raise OptionError(f"pose = {pose!r}", way_out="give a Pose in space")
         turn = rotations.turn_between(pose.orientation, self.references[index])
         return np.concatenate([pose.position, turn])
 
     def _end(self, name: str, end: Pose | Mapping[str, Pose]) -> Array:
-        """Return the coordinates of all hands at an end; array, shape (6 n_manipulators,)."""
+        """Return all coordinates at an end; array, shape (6 n_manipulators,)."""
         names = self.manipulators or ("",)
         poses = end if isinstance(end, Mapping) else {names[0]: end}
         if set(poses) != set(names):
@@ -261,7 +259,7 @@ class PoseProMP:
 
 
 def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
-    """Return a recording's parts by manipulator, after a check that they have orientations in space."""
+    """Return a recording's parts by manipulator, checked for spatial orientations."""
     parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
     for name, part in parts.items():
         who = f"recording {number}" + (f", {name!r}," if name else "")
@@ -286,7 +284,7 @@ def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
 
 
 def _mean_orientation(recordings: Sequence[Any]) -> Array:
-    """Return the mean orientation of recordings, shape (4,): that of the least squared chords (Markley, 2007)."""
+    """Return recordings' mean orientation, shape (4,), by Markley (2007). It has the least squared chords."""
     from scipy.spatial.transform import Rotation
 
     quaternions = np.concatenate([numbers(recording.orientation) for recording in recordings])
@@ -298,7 +296,7 @@ def _mean_orientation(recordings: Sequence[Any]) -> Array:
 
 
 def _flat(hands: Mapping[str, Any], references: Sequence[Array], number: int) -> Any:
-    """Return a recording in coordinates relative to the references: one, or a mapping by manipulator."""
+    """Return a recording in coordinates relative to the references. It is one, or a mapping by manipulator."""
     from scipy.spatial.transform import Rotation
 
     flat: dict[str, RecordedSamples] = {}

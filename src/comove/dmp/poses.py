@@ -46,11 +46,11 @@ SHARES = (0.0, 0.5, 0.25, 0.375)  # of the turn, at which the reference may lie
 
 
 class PoseRecording(Recording, Protocol):
-    """A recording with orientations, to which a primitive of poses can be fitted."""
+    """A recording with orientations, to fit a pose primitive to."""
 
     @property
     def orientation(self) -> Array | None:
-        """Return the orientations, shape (n_steps, 4), unit quaternions w x y z; None if none were recorded."""
+        """Return unit quaternions w x y z, shape (n_steps, 4), or None."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Pose:
 
     @classmethod
     def of(cls, position: ArrayLike, rotation: Rotation | float | None = None) -> Pose:
-        """Build a pose from scipy's `Rotation`, or from an angle about the vertical [rad]."""
+        """Build a pose from scipy's `Rotation` or a vertical angle [rad]."""
         position = cast(Array, position)  # which the pose converts
         if rotation is None:
             return cls(position)
@@ -105,7 +105,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class PoseState:
-    """Holds the state of the execution of a movement of poses.
+    """The state of the execution of a pose movement.
 
     Attributes
     ----------
@@ -187,8 +187,8 @@ class PoseDMP:
         n_basis, variant, phase
             As for `DMP.fit`; rhythmic movements are not possible.
         axis
-            The only axis of rotation, `VERTICAL` for a tray that stays level; the rest of the recorded rotation is
-            left out, with a warning. In the plane the axis is always the vertical.
+            The only axis of rotation, `VERTICAL` for a tray that stays level; the remaining recorded rotation is left
+            out, with a warning. In the plane the axis is always the vertical.
         at_rest
             Whether it ends at rest, as for `DMP.fit`.
 
@@ -248,7 +248,7 @@ class PoseDMP:
         return cls(fit(demonstration), fit(turned), reference, about)
 
     def fit_error(self, recording: PoseRecording, block_size: int = 20_000) -> tuple[FitError, FitError]:
-        """Measure how far the movement is from a recording, in position and in orientation [rad].
+        """Measure the movement's distance from a recording, position and orientation [rad].
 
         Parameters
         ----------
@@ -304,7 +304,7 @@ class PoseDMP:
         start_velocity: ArrayLike | None = None,
         goal_velocity: ArrayLike | None = None,
     ) -> PoseDMP:
-        """Return the movement with the same shape weights between other poses; arguments not given keep their values.
+        """Return the movement between other poses, with the same weights. Arguments not given keep their values.
 
         Parameters
         ----------
@@ -346,7 +346,7 @@ class PoseDMP:
         goal_velocity: ArrayLike | None = None,
         n_steps: int = 201,
     ) -> PoseTrajectory:
-        """Play the movement, between other ends if they are given (see `towards`); exact at every sample."""
+        """Play the movement, between other ends if given (see `towards`). It is exact at every sample."""
         require_steps(n_steps)
         dmp = self.towards(
             start=start,
@@ -358,7 +358,7 @@ class PoseDMP:
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
-        """Return poses and velocities at the times `time` [s], array of shape (n_steps,); at rest after the end."""
+        """Return poses and velocities at times [s], shape (n_steps,). After the end it is at rest."""
         moved, turned = self.translation.at(time), self.turning.at(time)
         vectors, rates = self._vectors(turned.position), self._vectors(turned.velocity)
         return PoseTrajectory(
@@ -408,11 +408,11 @@ class PoseDMP:
         return Pose(state.translation.position, orientation)
 
     def twist(self, state: PoseState) -> tuple[Array, Array]:
-        """Return velocity [m/s] and angular velocity [rad/s] of a state; arrays, shapes (n_dims,) and (3,)."""
+        """Return a state's velocity [m/s] and angular velocity [rad/s]. Shapes are (n_dims,) and (3,)."""
         return state.translation.velocity, self._spin(state) * (state.turning.rate / state.turning.duration)
 
     def redirected(self, state: PoseState, goal: Pose) -> PoseState:
-        """Return the state for a goal that has moved: the shortest rotation leads to the movement that ends there."""
+        """Return the state for a goal that has moved. The shortest rotation leads to the movement that ends there."""
         goal = self._checked("goal", goal)
         turn = self._turn(goal, state.turning.goal)
         curve = self.turning.towards(goal=turn).curve
@@ -432,7 +432,7 @@ class PoseDMP:
         return PoseState(replace(state.translation, goal=goal.position), turning, aside)
 
     def displaced(self, state: PoseState, pose: Pose) -> PoseState:
-        """Return the state of a body pushed to `pose`; with a fixed axis, by the nearest rotation about it."""
+        """Return the state of a body pushed to `pose`; a fixed axis is kept."""
         pose = self._checked("pose", pose, tilted=True)
         undisturbed = self._orientation(state.turning.position)
         aside = rotations.turn_between(pose.orientation, undisturbed, state.aside.position)
@@ -445,16 +445,16 @@ class PoseDMP:
         )
 
     def _spin(self, state: PoseState) -> Array:
-        """Compute the angular velocity of a state with respect to progress instead of time; array, shape (3,)."""
+        """Compute a state's angular velocity per progress; array, shape (3,)."""
         aside, turning = state.aside, state.turning
         own = rotations.angular_velocity(self._vectors(turning.position), self._vectors(turning.slope))
         carried = rotations.matrices(rotations.exponential(aside.position)) @ own
         return rotations.angular_velocity(aside.position, aside.slope) + carried
 
     def _slope(self, aside: Array, spin: Array, values: Array) -> Array:
-        """Compute the derivative of the rotation vector `aside` if exp(aside) exp(r) turns at the velocity `spin`.
+        """Compute the derivative of `aside` for an angular velocity `spin`.
 
-        `values` holds r and its derivatives, shape (3, n).
+        exp(aside) exp(r) turns at `spin`; `values` holds r and its derivatives, shape (3, n).
         """
         own = rotations.angular_velocity(self._vectors(values[0]), self._vectors(values[1]))
         return rotations.rates_of(aside, spin - rotations.matrices(rotations.exponential(aside)) @ own)
@@ -462,7 +462,7 @@ class PoseDMP:
     def _acting(
         self, name: str, coupling: ArrayLike | None, state: PoseState
     ) -> tuple[Array | None, Array | None]:
-        """Return what acts on the position, and on the rotation vector that leads aside."""
+        """Return a coupling's parts on position and on rotation vector e."""
         if coupling is None:
             return None, None
         moved, turned = self._parts(name, coupling)
@@ -471,7 +471,7 @@ class PoseDMP:
         return moved, rotations.rates_of(state.aside.position, turned)
 
     def _parts(self, name: str, value: ArrayLike) -> tuple[Array, Array]:
-        """Return the parts of position and rotation of an array, shape (n_dims + 3 or 1,)."""
+        """Return the position and rotation parts of an array."""
         array = vector(name, value, self.n_dims + self.turning.n_dims)
         return array[: self.n_dims], array[self.n_dims :]
 
@@ -487,7 +487,7 @@ class PoseDMP:
         return vector if self.axis is None else np.array([vector @ self.axis])
 
     def _require_no_leap(self, name: str, pose: Pose, near: Array, turn: Array) -> None:
-        """Raise if coordinates are far from `near` although the body hardly turned, as happens near whole turns."""
+        """Raise if coordinates leap although the body hardly turns. This happens near whole turns."""
         turned = rotations.turn_between(pose.orientation, self._orientation(near))
         if np.linalg.norm(turn - near) > np.pi + np.linalg.norm(turned):
             raise OptionError(
@@ -510,7 +510,7 @@ class PoseDMP:
 
 
 def _between(start: Array) -> Array:
-    """Return the reference, a rotation vector relative to the goal, from which both ends are far from whole turns.
+    """Return a reference from which both ends are no whole turns. It is a rotation vector relative to the goal.
 
     Parameters
     ----------
@@ -534,7 +534,7 @@ def _unit(axis: Sequence[float]) -> Array:
 
 
 def _angles(relative: Array, axis: Array) -> tuple[Array, float]:
-    """Return the angles about the axis and the largest tilt away from it.
+    """Return angles about the axis, and the largest tilt from it.
 
     The angles, shape (n_steps, 1), are continuous and near zero at the end.
     """
@@ -546,7 +546,7 @@ def _angles(relative: Array, axis: Array) -> tuple[Array, float]:
 
 
 def _require_continuous(vectors: Array, relative: Array, wandering: float = 0.3) -> None:
-    """Raise if rotation vectors jump: a step is far above the body's own, and above `wandering` [rad]."""
+    """Raise if rotation vectors jump: beyond the body's rotation and `wandering` [rad]."""
     steps = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
     turned = 2 * np.arccos(np.minimum(np.abs((relative[1:] * relative[:-1]).sum(axis=1)), 1.0))
     jumps = np.flatnonzero(steps > 10 * turned + wandering)

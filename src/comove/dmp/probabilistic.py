@@ -1,7 +1,7 @@
 r"""Distributions of movements: probabilistic movement primitives (Paraschos et al., 2013, 2018).
 
 On comove's basis a movement is linear in its parameters: start, start velocity, goal and goal velocity in unit
-duration, and the shape weights, for every coordinate of every hand,
+duration, and the shape weights, for every coordinate of every end effector,
 
     y(s) = psi(s) theta,   psi = [B(s)  Phi(s)],   theta ~ N(mean, covariance).
 
@@ -61,10 +61,10 @@ EXACT = 1e-13  # relative eigenvalue of what is conditioned on, below which it c
 
 @dataclass(frozen=True, eq=False)
 class ProMP:
-    """A distribution of movements of one or several manipulators, Gaussian in the parameters.
+    """A distribution of movements, Gaussian in their parameters.
 
-    Coordinates follow one another hand after hand. The parameters of a coordinate are start, start velocity, goal and
-    goal velocity in unit duration, then the shape weights.
+    Coordinates follow one another, manipulator by manipulator. The parameters of a coordinate are start, start
+    velocity, goal and goal velocity in unit duration, then the shape weights.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ProMP:
     slopes : array, shape (n_context, n_columns, 4 + n_basis), change of the mean parameters with the context
     context_mean, context_std : arrays, shape (n_context,), of the recordings
     n_recordings : number of recordings from which it was learned; 0 if it was made otherwise
-    notes : how it was learned, in words
+    notes : how it was learned
     """
 
     __repr__ = brief
@@ -147,8 +147,8 @@ class ProMP:
 
         Each recording is fitted by least squares; mean and covariance are those of the fits. The covariance of
         different instants is tapered over a length of time, under which recordings that are left out in turn are most
-        likely. Variances, and covariances between coordinates and hands at one instant, are those of the recordings,
-        widened because few recordings tell little of them (`estimation.widening`).
+        likely. Variances, and covariances between coordinates and end effectors at one instant, are those of the
+        recordings, widened because recordings are few (`estimation.widening`).
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class ProMP:
         ComoveWarning
             If the recordings are so few that the taper cannot be chosen by leaving one out, or one has fewer samples
             than a coordinate has weights, or its fit is off by more than a twentieth of the movement's extent in a
-            coordinate; names the distance and what brings it nearer.
+            coordinate; names the distance and a remedy.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         phase = ExponentialPhase() if phase is None else phase
@@ -258,7 +258,7 @@ class ProMP:
 
     @property
     def mean(self) -> DMP:
-        """Return the mean movement, a primitive of all coordinates, hand after hand."""
+        """Return the mean movement, a primitive of all coordinates."""
         return self._movement(self.mean_parameters)
 
     @property
@@ -267,16 +267,16 @@ class ProMP:
         return self.split(self.mean)
 
     def split(self, movement: DMP) -> tuple[DMP, ...]:
-        """Return the movements of the manipulators, from one of all coordinates."""
+        """Return the manipulators' movements from one of all coordinates."""
         firsts = range(0, self.n_columns, self.n_dims)
         return tuple(movement.part(slice(first, first + self.n_dims)) for first in firsts)
 
     def mean_at(self, time: ArrayLike) -> Array:
-        """Return the mean positions at the times `time` [s]; array, shape (n_steps, n_columns), [m]."""
+        """Return mean positions [m] at times [s]; shape (n_steps, n_columns)."""
         return self._psi(time)[0] @ self.mean_parameters.T
 
     def covariance_at(self, time: ArrayLike, *, of_velocity: bool = False) -> Array:
-        """Return the covariance of the positions, or of the velocities, at the times `time` [s].
+        """Return the covariance of positions or velocities at times [s].
 
         Returns
         -------
@@ -288,12 +288,12 @@ class ProMP:
         return np.einsum("tcdg,tg->tcd", left, psi)
 
     def std_at(self, time: ArrayLike) -> Array:
-        """Return the standard deviations of the positions; array, shape (n_steps, n_columns), [m]."""
+        """Return standard deviations of positions [m]; shape (n_steps, n_columns)."""
         variance = np.diagonal(self.covariance_at(time), axis1=1, axis2=2)
         return np.sqrt(np.maximum(variance, 0.0))
 
     def sample(self, rng: np.random.Generator) -> DMP:
-        """Draw a movement of all coordinates; its ends are its own and met exactly, its duration is the mean."""
+        """Draw a movement of all coordinates, with its own ends. Its duration is the mean."""
         return self._movement(self._drawn(rng, 1)[0])
 
     def sample_trajectories(self, rng: np.random.Generator, n_samples: int, n_steps: int = 201) -> Array:
@@ -367,7 +367,7 @@ class ProMP:
         goal_velocity: ArrayLike | None = None,
         duration: float | None = None,
     ) -> ProMP:
-        """Return the distribution of the movements between given ends, which every sample then meets exactly.
+        """Return the distribution between given ends, met by every sample.
 
         Parameters
         ----------
@@ -403,7 +403,7 @@ class ProMP:
         return replace(bound, mean_parameters=parameters, covariance=covariance)
 
     def at_context(self, context: ArrayLike, far: float = 5.0) -> ProMP:
-        """Return the distribution for task parameters, array of shape (n_context,).
+        """Return the distribution for task parameters, shape (n_context,).
 
         Raises
         ------
@@ -435,7 +435,7 @@ class ProMP:
         )
 
     def log_likelihood(self, demonstration: Recording | Mapping[str, Recording]) -> float:
-        """Return the log density of a recording's samples, observed with noise, at equal shares of the duration.
+        """Return the log density of a recording's samples, observed with noise.
 
         Raises
         ------
@@ -466,7 +466,7 @@ class ProMP:
 
     @cached_property
     def _factor(self) -> Array:
-        """Return L with ``L L' = covariance``; what does not vary has rows of zeros exactly."""
+        """Return L with ``L L' = covariance``; coordinates without variance have zero rows."""
         values, vectors = self._eigen
         values = np.where(
             values > ROUNDING * values[-1], values, 0.0
@@ -493,7 +493,7 @@ class ProMP:
         )
 
     def _psi(self, time: ArrayLike) -> Array:
-        """Return the features of positions and velocities [1/s]; array, shape (2, n_steps, n_features)."""
+        """Return features of positions and velocities [1/s]; (2, n_steps, n_features)."""
         psi = features(self.basis, instants(time) / self.duration)[:2]
         return np.stack([psi[0], psi[1] / self.duration])
 
@@ -516,7 +516,7 @@ class ProMP:
         return np.arange(first, first + self.n_dims)
 
     def _via_rows(self, point: ViaPoint, columns: Integers) -> tuple[Array, Array]:
-        """Return the rows of the parameters that a via-point fixes, and their values."""
+        """Return the rows of parameters that a via-point fixes, and values."""
         if not isinstance(point, ViaPoint):
             raise OptionError(f"via = {point!r}", way_out="give ViaPoint(time, position)")
         if not is_number(point.time) or not 0 <= point.time <= self.duration:
@@ -575,7 +575,7 @@ class ProMP:
 
 
 def _tell_far_fit(basis: MotionBasis, shares: list[Array], positions: list[Array], allowed: float) -> None:
-    """Warn of the recording whose fit is farthest off, with a number of weights that brings all of them nearer."""
+    """Warn of the worst fit, with a better number of weights."""
 
     def off(basis: MotionBasis) -> Array:
         fits = [
@@ -601,7 +601,7 @@ def _tell_far_fit(basis: MotionBasis, shares: list[Array], positions: list[Array
 
 
 def covariance_of(name: str, value: ArrayLike, n: int) -> Array:
-    """Return a covariance, shape (n, n), from a variance, n variances or a matrix; errors name the argument."""
+    """Return a covariance, shape (n, n), from variances or a matrix. Errors name the argument."""
     array = numbers(value)
     if array.ndim == 0:
         array = np.full(n, float(array))

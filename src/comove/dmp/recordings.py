@@ -1,4 +1,4 @@
-"""Recordings by name, a file or lasa:SHAPE:DEMO, with what a primitive learned from one says of its origin."""
+"""Recordings by name: a file or lasa:SHAPE:DEMO."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def read_recordings(
     topic: str | None = None,
     **options: Any,
 ) -> list[NamedRecording]:
-    """Return the movements of a recording; one if a choice was made or there is only one.
+    """Return the movements of a recording, or the chosen one.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def _source(path: Path) -> str:
 
 
 def is_several(named: str) -> bool:
-    """Return whether a name stands for several recordings: a folder that is no dataset, or lasa:SHAPE:all."""
+    """Return whether a name means several recordings: a folder or lasa:SHAPE:all."""
     if named.startswith(LASA):
         return named.endswith(ALL)
     path = Path(named)
@@ -89,7 +89,7 @@ def is_several(named: str) -> bool:
 def read_several(
     names: Sequence[str], **options: Any
 ) -> tuple[list[Demonstration | dict[str, Demonstration]], list[str]]:
-    """Return recordings of one movement for a distribution, and their names without folders.
+    """Return recordings for a distribution, and their names without folders.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def read_several(
 
 
 def _spelt_out(names: Sequence[str]) -> list[str]:
-    """Return the names with every folder replaced by its files, and lasa:SHAPE:all by the seven recordings."""
+    """Return the names with folders and lasa:SHAPE:all expanded."""
     from comove.dmp.demonstrations.formats.lasa import N_DEMOS
 
     spelt: list[str] = []
@@ -137,7 +137,7 @@ def read_recording(
     topic: str | None = None,
     **options: Any,
 ) -> NamedRecording:
-    """Return the only movement of a recording, or the chosen one; nothing else is read.
+    """Return the only movement of a recording, or the chosen one. Nothing else is read.
 
     Arguments and errors are those of `read_recordings`; if there are several movements, the error lists them.
     """
@@ -150,7 +150,7 @@ def read_recording(
 
 
 def recording_of(primitive: Primitive) -> Demonstration | None:
-    """Return the recording from which a primitive was learned; None if it is missing or has changed."""
+    """Return a primitive's recording, None if missing or changed."""
     if primitive.provenance is None:
         return None
     try:
@@ -163,12 +163,12 @@ def recording_of(primitive: Primitive) -> Demonstration | None:
 
 
 def require_plausible(recording: Demonstration, named: str) -> None:
-    """Refuse a recording whose numbers do not look like the units that they are read in, unless these were stated.
+    """Raise DemonstrationError for numbers implausible in their unit. Stated units are accepted.
 
     Raises
     ------
     DemonstrationError
-        The message says what the numbers look like, and the option that states the unit.
+        The message names a plausible unit, and the option that states it.
     """
     found = doubts(recording.time, recording.position, recording.unit, stated=recording.stated)
     for doubt in found:

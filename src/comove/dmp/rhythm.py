@@ -22,7 +22,7 @@ from comove.trajectory import interpolated
 
 @dataclass(frozen=True, eq=False)
 class RhythmicBasis:
-    """Matrices that turn boundary values and shape weights into a motion of unit period.
+    """Matrices from boundary values and shape weights to unit-period motions.
 
     Attributes
     ----------
@@ -40,12 +40,12 @@ class RhythmicBasis:
         return self.cycle.shape[2]
 
     def sampled(self, n_steps: int) -> Array:
-        """Return the positions at even samples of the first period; array, shape (n_basis + 4, n_steps)."""
+        """Return the first period's even samples; array, shape (n_basis + 4, n_steps)."""
         boundary, shape = self.at(np.linspace(0.0, 1.0, n_steps))
         return np.concatenate([shape[0], boundary[0]], axis=1).T
 
     def at(self, s: ArrayLike) -> tuple[Array, Array]:
-        """Return the boundary and shape matrices at times in periods, from 0 on, exact between the knots as well.
+        """Return the boundary and shape matrices at times in periods. They are exact between the knots as well.
 
         The boundary values are start, start velocity, centre, and a fourth one that has no effect here.
 
@@ -63,7 +63,7 @@ class RhythmicBasis:
         return boundary, self.on_cycle(times) - free @ self.cycle[:2, 0]
 
     def on_cycle(self, s: Array) -> Array:
-        """Return the limit cycle of unit shape weights at times in periods; array, shape (3, n_steps, n_basis)."""
+        """Return unit weights' limit cycle at times; shape (3, n_steps, n_basis). Times are in periods."""
         return values_at(self.cycle, self.shape_force, np.zeros(self.n_basis), s - np.floor(s))
 
 

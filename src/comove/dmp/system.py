@@ -1,9 +1,9 @@
-"""The dynamical system of a primitive: phase, forcing functions, and the flow of the transformed system.
+"""The dynamical system of a primitive: phase, forcing functions, and flow.
 
 The phase replaces time and gates the forcing term, equation (1b); ``s = t / duration`` is the normalised time. (The
 paper's (1b) lost a sign: the phase must decay.) The forcing functions are the psi of equation (2), evaluated at the
-knots. The transformed system is solved in closed form, for every rollout and every step: with
-``omega = alpha_y / 2``, ``e = y - g`` and a forcing ``f0 + f1 t``,
+knots. The transformed system is solved in closed form, for every rollout and every step: with ``omega = alpha_y /
+2``, ``e = y - g`` and a forcing ``f0 + f1 t``,
 
     e(t)  = ((1 + omega t) e0 + t v0) exp(-omega t) + f0 c0(t) + f1 c1(t),
 
@@ -29,7 +29,7 @@ FASTEST = 20.0  # decay rate: the phase falls to 2e-9
 
 @dataclass(frozen=True)
 class LinearPhase:
-    """``duration * dx/dt = -1``: the phase reaches 0 exactly when the movement ends.
+    """The linear canonical system, ``duration * dx/dt = -1``. The phase reaches 0 exactly when the movement ends.
 
     The forcing term fades out with the phase, so the acceleration vanishes at the end too: robots stop smoothly.
     """
@@ -41,9 +41,9 @@ class LinearPhase:
 
 @dataclass(frozen=True)
 class ExponentialPhase:
-    """``duration * dx/dt = -alpha * x``, the classic canonical system (Ijspeert et al., 2013).
+    """The classic canonical system, ``duration * dx/dt = -alpha * x``. See Ijspeert et al. (2013).
 
-    The forcing term is cut off at the end, where people's recorded movements still brake.
+    The forcing term is cut off at the end, where recorded human movements still brake.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ Kernels = Callable[[int, Phase], Array]
 
 
 def gaussians(n_functions: int, phase: Phase) -> Array:
-    """Compute normalised Gaussians of the phase times the phase (Ijspeert et al., 2013); the paper's equation (2).
+    """Compute normalised Gaussians of the phase times the phase, equation (2). See Ijspeert et al. (2013).
 
     Centres lie evenly in time, from a little before the start to a little after the end.
 
@@ -94,7 +94,9 @@ def gaussians(n_functions: int, phase: Phase) -> Array:
 
 
 def mollifiers(n_functions: int, phase: Phase) -> Array:
-    """Compute normalised mollifiers ``exp(-1 / (1 - r^2))`` of the phase times the phase (Ginesi et al., 2021).
+    """Compute normalised mollifiers of the phase times the phase.
+
+    They are ``exp(-1 / (1 - r^2))`` (Ginesi et al., 2021).
 
     They are smooth, and zero farther than 1.5 distances between centres from their own, so two or three of them share
     every instant, and a weight changes only its own part of the movement.
@@ -111,7 +113,7 @@ def mollifiers(n_functions: int, phase: Phase) -> Array:
 
 
 def von_mises(n_functions: int) -> Array:
-    """Compute normalised periodic bell functions ``exp(h (cos(2 pi s - c) - 1))`` (Ijspeert et al., 2013).
+    """Compute normalised periodic bell functions (Ijspeert et al., 2013). They are ``exp(h (cos(2 pi s - c) - 1))``.
 
     Returns
     -------
@@ -125,7 +127,7 @@ def von_mises(n_functions: int) -> Array:
 
 
 def _from_centres(n_functions: int, phase: Phase) -> tuple[Array, Array, Array]:
-    """Return the phase at the knots, its distances from the centres, and the distances between centres.
+    """Return phases at knots, distances from centres, and centres' spacing.
 
     The centres reach a twenty-fifth of the duration beyond both ends, a spacing at most: recorded shapes fit best so.
     """
@@ -142,7 +144,7 @@ LONG_AFTER = 1e6  # durations, after which nothing is left of any deviation
 
 @kernel
 def responses(t: float) -> tuple[float, float, float]:
-    """Compute exp(-omega t), c0(t) and c1(t), by series where the closed forms lose digits by cancellation."""
+    """Compute exp(-omega t), c0(t) and c1(t). Series are used where the closed forms lose digits by cancellation."""
     x = OMEGA * t
     decay = exp(-x)
     if x >= 1.0:
@@ -159,9 +161,9 @@ def responses(t: float) -> tuple[float, float, float]:
 def flow(
     t: float, response: tuple[float, float, float], error: Any, velocity: Any, force: Any, slope: Any
 ) -> tuple[Any, Any]:
-    """Compute error and velocity after the time `t`, with its `responses`, under the forcing ``force + slope t``.
+    """Compute error and velocity after `t` under a linear forcing.
 
-    Error, velocity, force and slope are numbers or arrays of one shape.
+    The forcing is ``force + slope t``, `response` that of `t`. All four are numbers or arrays of one shape.
     """
     decay, c0, c1 = response
     rate = velocity + OMEGA * error
@@ -173,7 +175,7 @@ def flow(
 
 @kernel
 def from_rest(psi: Array) -> Array:
-    """Compute the motions that start at rest at the goal 0, one for every forcing function.
+    """Compute every forcing function's motion from rest at goal 0.
 
     Parameters
     ----------
@@ -199,7 +201,7 @@ def from_rest(psi: Array) -> Array:
 
 @kernel
 def values_at(knots: Array, force: Array, goal: Array, s: Array) -> Array:
-    """Compute position, velocity and acceleration at any time on motions that are known at the knots.
+    """Compute position, velocity and acceleration between knots.
 
     Parameters
     ----------

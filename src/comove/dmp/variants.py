@@ -21,11 +21,11 @@ the learned movement, the greatest distance between two of its points, and ``r =
 
     A = (1 - b) 1 + b S,   b = r / APART (r - CLOSED) / (APART - CLOSED) from r = CLOSED to APART,
 
-the identity below and S itself above. What S adds has the size ``b |d|/|d*|``, which so rises linearly in d*: no
-other b from 0 to 1 between the same ends has a smaller Lipschitz constant. A convex combination of both matrices,
-unlike a product of partial scales and turns, is continuous in the plane also where d and d* are opposite; in space it
-jumps there by b times what R jumps. A commutes with rotations, and its norm is at most 6/5 of the larger of 1 and
-``|d| / (APART E)``: no shape grows beyond 6/5 of the larger of its own size and 1 / APART displacements.
+the identity below and S itself above. The contribution of S has the size ``b |d|/|d*|``, which so rises linearly in
+d*: no other b from 0 to 1 between the same ends has a smaller Lipschitz constant. A convex combination of both
+matrices, unlike a product of partial scales and turns, is continuous in the plane also where d and d* are opposite;
+in space it jumps there by b times the jump of R. A commutes with rotations, and its norm is at most 6/5 of the larger
+of 1 and ``|d| / (APART E)``: no shape grows beyond 6/5 of the larger of its own size and 1 / APART displacements.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ class Variant(NamedOption):
         As the closed form, but the attraction of the goal fades in (Hoffmann et al., 2009; Pastor et al., 2009), so
         the start is gentle for far goals.
     DMP_PLUS_PLUS
-        The whole movement turns and scales with the displacement (Ginesi et al., 2021): the path is similar to
-        the taught one, and shrinks to a point where the goal is the start. Where the recorded ends nearly coincide
+        The whole movement turns and scales with the displacement (Ginesi et al., 2021): the path is similar to the
+        demonstrated one, and shrinks to a point where the goal is the start. Where the recorded ends nearly coincide
         (`APART`), the shape is scaled and turned less, and up to `CLOSED` it stays as it is.
     RHYTHMIC
         A limit cycle about the goal (Ijspeert et al., 2013); `duration` is the period.
@@ -87,7 +87,7 @@ class Variant(NamedOption):
 
     @property
     def usual_phase(self) -> Phase:
-        """Return the default phase of `DMP.fit`: for the forms of the literature, one that falls to a hundredth."""
+        """Return the default phase of `DMP.fit`. In the forms of the literature it falls to a hundredth."""
         return ExponentialPhase() if self is Variant.CLOSED_FORM else ExponentialPhase(alpha=4.6)
 
     def basis(self, n_basis: int, phase: Phase) -> MotionBasis | RhythmicBasis:
@@ -95,12 +95,12 @@ class Variant(NamedOption):
         return _BASES[self](n_basis, phase=phase)
 
     def scaling(self, learned: Array, displacement: Array, extent: float) -> Array:
-        """Return A(d), the matrix that multiplies the learned forcing term; array, shape (n_dims, n_dims).
+        """Return A(d), the factor of the learned forcing term; (n_dims, n_dims).
 
         Parameters
         ----------
         learned, displacement : arrays, shape (n_dims,), d* and d
-        extent : greatest distance between two points of the learned movement, which tells how near its ends are
+        extent : greatest distance between two points of the learned movement
         """
         none = NO_WAY * extent
         if self is Variant.CLASSIC:
@@ -112,7 +112,7 @@ class Variant(NamedOption):
 
 
 def adaptation(learned: Array, displacement: Array, extent: float) -> Array:
-    """Return the matrix that scales and turns a movement to other ends; see the notes of this module.
+    """Return the matrix that adapts a movement to other ends. See the notes of this module.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def adaptation(learned: Array, displacement: Array, extent: float) -> Array:
 
 
 def scaled_share(displacement: Array, extent: float) -> float:
-    """Return b, the share of the similarity in `adaptation`: 0 up to `CLOSED`, 1 from `APART` extents on."""
+    """Return the share b of the similarity: 0 up to `CLOSED`, 1 from `APART` extents on."""
     length = float(np.linalg.norm(displacement))
     if length >= APART * extent:
         return 1.0 if length > 0.0 else 0.0
@@ -140,7 +140,7 @@ def scaled_share(displacement: Array, extent: float) -> float:
 
 
 def extent_of(points: Array) -> float:
-    """Return the greatest distance between two of some points, array of shape (n, n_dims)."""
+    """Return the greatest distance between two points, shape (n, n_dims)."""
     apart = points[:, None] - points[None]
     return float(np.sqrt((apart**2).sum(axis=2).max(initial=0.0)))
 

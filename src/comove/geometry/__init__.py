@@ -1,1 +1,1 @@
-"""Geometry that knows no scene: rotations, shapes, meshes, and the distances between them."""
+"""Geometry without scenes: rotations, shapes, meshes, and distances between them."""

@@ -1,4 +1,4 @@
-"""A solid bounded by triangles, cut into small convex pieces, in numba kernels.
+"""Solids bounded by triangles, cut into small convex pieces.
 
 Boxes are halved until the part of the solid in each of them is nearly convex. A piece is described by its extreme
 points: the vertices of the triangles' parts inside the box, and the corners of the box that are inside the solid. So
@@ -19,7 +19,7 @@ MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
 
 @kernel
 def pieces(surfaces, planes, first_plane, low, high, bend, smallest, most):
-    """Cut a solid, or a sheet that bounds nothing, into nearly convex pieces.
+    """Cut a solid, or an open sheet, into nearly convex pieces.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def pieces(surfaces, planes, first_plane, low, high, bend, smallest, most):
 
 @kernel
 def _halved(surfaces, pool, begin, end, axis, at):
-    """Divide the triangles of a box, the last of the pool, into those that reach below a plane and those above it.
+    """Divide a box's triangles by a plane into those below and above.
 
     Returns
     -------
@@ -118,9 +118,9 @@ def _halved(surfaces, pool, begin, end, axis, at):
 
 @kernel
 def _cut(planes, first_plane, a, b):
-    """Return the axis and position of the middle plane among those that cut a box across its longest side.
+    """Return axis and position of the plane that halves a box.
 
-    The axis is -1 where no plane cuts the box.
+    It is the middle plane across the longest side that any plane cuts; the axis is -1 where none does.
     """
     best, at, longest = -1, 0.0, 0.0
     for axis in range(3):
@@ -134,12 +134,12 @@ def _cut(planes, first_plane, a, b):
 
 @kernel
 def _piece(surfaces, members, a, b, polygon, other, own, flat):
-    """Collect the extreme points of the part of a solid within a box.
+    """Collect the extreme points of a solid's part within a box.
 
     Returns
     -------
     n_own : number of extreme points
-    off : how far the piece is from convex [m]
+    off : deviation of the piece from convexity [m]
     own : array whose first `n_own` rows are the extreme points [m]
     """
     n_own, n_faces = 0, 0
@@ -206,7 +206,7 @@ def _inward(a, b, corner, axis):
 
 @kernel
 def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
-    """Return whether a polygon lies in a side of the box and bounds the part of the solid beyond that side."""
+    """Return whether a polygon bounds the solid beyond a box side."""
     for axis in range(3):
         normal = nx if axis == 0 else (ny if axis == 1 else nz)
         at_low, at_high = True, True
@@ -223,9 +223,10 @@ def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
 
 @kernel
 def half(polygon, plane, tolerance, side, out):
-    """Write in `out` the part of a polygon beyond a plane (`side` 1) or behind it (-1); return its number of corners.
+    """Write one side of a cut polygon in `out`; return its number of corners.
 
-    If no corner is beyond the plane by more than `tolerance` [m], the part beyond it counts as empty.
+    `side` 1 is the part beyond the plane, -1 the part behind it. If no corner is beyond the plane by more than
+    `tolerance` [m], the part beyond it counts as empty.
     """
     n, count, most = polygon.shape[0], 0, -np.inf
     for p in polygon:

@@ -1,4 +1,4 @@
-"""Closest points of a rod or a solid to an obstacle, in numba kernels.
+"""Closest points of rods and solids to obstacles.
 
 A signed distance d to a convex obstacle is convex. So for a point p and the gradient n there, a displacement x of the
 point relative to the obstacle leaves a distance of at least ``d(p) + n x``: the first-order estimate is a lower
@@ -26,9 +26,9 @@ N_PARTS = 15  # of a box: edges and pairs of faces
 
 @kernel
 def near_on_edge(table, j, p, q, cutoff, tolerance=PLACE_TOLERANCE):
-    """Return the distance [m] of the segment p-q from obstacle `j`, and its place on the segment, from 0 to 1.
+    """Return a segment's distance [m] from obstacle `j`, and the place.
 
-    Where the distance is certainly above `cutoff`, any value above `cutoff` may be returned.
+    The place is from 0 at p to 1 at q. Where the distance is above `cutoff`, any value above it may be returned.
     """
     distance, low, high, falls, rises = nearest_on_segment(
         table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff, tolerance
@@ -55,11 +55,11 @@ def near_on_edge(table, j, p, q, cutoff, tolerance=PLACE_TOLERANCE):
 
 @kernel
 def near_on_solid(table, j, solid, cutoff, near):
-    """Return the distance [m] of a solid from obstacle `j`, and write the solid's nearest point in `near`.
+    """Compute a solid's distance [m] from obstacle `j` and its nearest point.
 
-    The nearest point is on an edge, or on the face opposite the point of the obstacle that is farthest beyond that
-    face (see `comove.geometry.solids`). Where nothing is nearer than `cutoff`, `cutoff` is returned and `near` is
-    left unchanged.
+    The nearest point, written in `near`, is on an edge, or on the face opposite the point of the obstacle that is
+    farthest beyond that face (see `comove.geometry.solids`). Where nothing is nearer than `cutoff`, `cutoff` is
+    returned and `near` is left unchanged.
     """
     least, point = cutoff, np.empty(3)
     for part in range(N_PARTS):
@@ -72,10 +72,10 @@ def near_on_solid(table, j, solid, cutoff, near):
 
 @kernel
 def near_on_part(table, j, solid, part, cutoff, near):
-    """Return the distance [m] of one part of a solid from obstacle `j`, and write its nearest point in `near`.
+    """Compute the distance [m] and nearest point of one solid's part.
 
-    The parts of a box are its 12 edges and 3 pairs of faces. A hull is a single part, and so is a solid beside a
-    polytope; their other parts give an infinite distance.
+    The nearest point is written in `near`. The parts of a box are its 12 edges and 3 pairs of faces. A hull is a
+    single part, and so is a solid beside a polytope; their other parts give an infinite distance.
     """
     if solid.shape[0] != BOX_ROWS or table[j, KIND] == POLYTOPE:
         return near_on_hull(table, j, solid, cutoff, near) if part == 0 else np.inf
@@ -90,16 +90,17 @@ def near_on_part(table, j, solid, part, cutoff, near):
 
 @kernel
 def near_on_hull(table, j, solid, cutoff, near):
-    """Return the distance [m] of a solid from obstacle `j`, found by GJK, and write its nearest point in `near`."""
+    """Compute a solid's distance [m] from obstacle `j` by GJK. The nearest point is written in `near`."""
     distance = hull_distance(table, j, solid, cutoff, np.array([1.0, 0.0, 0.0]), near)[0]
     return distance if distance > 0.0 else point_distance(table, j, near[0], near[1], near[2])
 
 
 @kernel
 def solid_gradient(table, j, x, y, z):
-    """Return the signed distance [m] of a solid's nearest point from obstacle `j` and the components of its gradient.
+    """Return a solid's signed distance [m] from obstacle `j` and its gradient.
 
-    Outside a polytope both come from the polytope's nearest point, not from its planes.
+    Both are at the solid's nearest point (x, y, z). Outside a polytope both come from the polytope's nearest point,
+    not from its planes.
     """
     if table[j, KIND] == POLYTOPE:
         point, near, normal = np.empty((1, 3)), np.empty(3), np.array([1.0, 0.0, 0.0])

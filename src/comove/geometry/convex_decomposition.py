@@ -1,14 +1,14 @@
-"""Convex polytopes that together contain a mesh and reach little beyond it.
+"""Convex polytopes that tightly contain a mesh.
 
 A convex solid is its own hull. Anything else is cut into small pieces (`comove.geometry.cells`). Two pieces see each
-other if every straight line between them stays within the resolution of the mesh; pieces that all see each other
-have a hull that hardly leaves it (approximate convex decomposition by visibility, Liu et al., 2010). Such groups are
-grown from many pieces; the group that contains most of the pieces not yet contained is kept, and so on until every
-piece is in a hull. As hulls are convex, a hull that contains the extreme points of a piece contains the whole piece,
-and so the hulls contain the mesh. Sheets, which have no inside, are treated as thin walls.
+other if every straight line between them stays within the resolution of the mesh; pieces that all see each other have
+a hull that hardly leaves it (approximate convex decomposition by visibility, Liu et al., 2010). Such groups are grown
+from many pieces; the group that contains most of the pieces not yet contained is kept, and so on until every piece is
+in a hull. As hulls are convex, a hull that contains the extreme points of a piece contains the whole piece, and so
+the hulls contain the mesh. Sheets, which have no inside, are treated as thin walls.
 
-At the end every triangle is checked, whatever the mesh is like: what the hulls leave out of a triangle is cut off by
-their planes and becomes a thin polytope of its own.
+At the end every triangle of any mesh is checked: a part outside all hulls is cut off by their planes and becomes a
+thin polytope of its own.
 
 How far the hulls reach beyond the mesh is bounded by halving boxes: distances have Lipschitz constant 1, so the
 distance at the middle of a box and the half diagonal of the box bound the distance everywhere in it.
@@ -42,18 +42,18 @@ class DecompositionSettings:
     Attributes
     ----------
     share : resolution where none is given, as a share of the mesh's longest side
-    sheet : thickness that a sheet is taken to have, as a share of the mesh's longest side
+    sheet : assumed thickness of a sheet, as a share of the mesh's longest side
     n_cells : cells along the longest side into which a part that is not convex is cut in any case
     n_planes, plane_area : cuts across every axis at flat sides, and the least share of the surface in one plane for a
         cut there
     bend, smallest : how far from convex pieces may be, and how small they are cut, as shares of the resolution
     near : share of the resolution by which a group's hull may reach beyond the mesh; the rest is for coarser hulls
-    finest : share of the resolution below which excesses are not told apart
+    finest : share of the resolution below which over-approximation errors count as equal
     n_nodes, most_nodes : nodes of the grid of known distances, along the longest side and in all
     n_seen : most points of a piece that see others
     strictness : shares of `near` within which pieces must see each other, tried in turn until the hull of a group is
         near enough to the mesh
-    n_seeds, n_tried : pieces from which groups are grown, and groups whose hulls are looked at
+    n_seeds, n_tried : pieces from which groups are grown, and groups whose hulls are computed
     much_work, little_work : largest numbers of pieces that are combined: with `few`, and without
     most_pieces : number of pieces, not combined, beyond which the resolution is coarser, by the factor `coarser`
     most_hulls : number of hulls of one part beyond which its pieces stay as they are
@@ -93,7 +93,7 @@ class ConvexDecomposition:
     Attributes
     ----------
     polytopes : their union contains every triangle and the solids that the triangles close
-    excess : upper bound of the distance from the mesh of a point of the polytopes [m]
+    excess : upper bound of the over-approximation error: distance of the polytopes' points from the mesh [m]
     """
 
     polytopes: tuple[Polytope, ...]
@@ -144,7 +144,7 @@ def decompose(
 
 
 def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Polytope], float] | None:
-    """Return the hull of a part and its excess [m].
+    """Return the hull of a part and its over-approximation error [m].
 
     It is None unless the part is convex or no larger than the resolution.
     """
@@ -162,7 +162,7 @@ def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Pol
 def _singles(
     parts: list[tuple[Array, float]], resolution: float, thickness: float, settings: DecompositionSettings
 ) -> tuple[list[Polytope], float]:
-    """Return the hulls of all pieces of some parts and their excess [m].
+    """Return the hulls of all pieces and their over-approximation error [m].
 
     Where the hulls would be too many, the parts are cut again with a coarser resolution.
 
@@ -187,7 +187,7 @@ def _singles(
 
 
 def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> list[Array]:
-    """Return the parts of triangles that are outside all polytopes, as polygons, arrays of shape (n, 3) [m].
+    """Return the parts of triangles outside all polytopes, polygons (n, 3) [m].
 
     Parameters
     ----------
@@ -206,12 +206,11 @@ def _area(corners: Array) -> Array:
 
 
 def _thin(points: Array, thickness: float) -> Polytope:
-    """Return the hull of points, array of shape (n, 3) [m], each thickened to `thickness` [m] along the axes."""
     return solid_hull_of(thickened(points, thickness))
 
 
 def _is_convex(corners: Array, hull: Polytope) -> bool:
-    """Return whether all vertices of the hull lie behind the plane of every triangle."""
+    """Return whether all hull vertices lie behind every triangle's plane."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
     flat = area > 1e-12 * hull.size**2
@@ -226,9 +225,10 @@ def _is_convex(corners: Array, hull: Polytope) -> bool:
 
 
 class _Groups:
-    """Groups of pieces of one part that are combined to hulls, in a frame of the part's own.
+    """Groups of a part's pieces that are combined to hulls.
 
-    A sheet's pieces are made `thickness` [m] thick. Where there are more than `most` pieces, some are missing.
+    They are in a frame of the part's own. A sheet's pieces are made `thickness` [m] thick. Where there are more than
+    `most` pieces, some are missing.
     """
 
     def __init__(
@@ -264,7 +264,7 @@ class _Groups:
             self.points, self.first = thickened(self.points, thickness), 6 * self.first
 
     def _planes(self, axis: int) -> Array:
-        """Return the positions of cuts across an axis: at the part's largest flat sides, and evenly in between."""
+        """Return the positions of cuts: at flat sides, and evenly between them."""
         how = self.settings
         normals = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
         area = np.linalg.norm(normals, axis=1)
@@ -288,9 +288,9 @@ class _Groups:
         return np.sort(np.concatenate([places, *even]))
 
     def decomposed(self) -> tuple[list[Polytope], float] | None:
-        """Return hulls that contain all pieces, in the given frame, and their excess [m].
+        """Return hulls of all pieces and their over-approximation error [m].
 
-        It is None where the hulls are too many.
+        Hulls are in the given frame. It is None where the hulls are too many.
         """
         self.distance = Distance(self.surface, self.low, self.high, self.resolution, self.settings)
         apart = self._apart()
@@ -318,7 +318,7 @@ class _Groups:
         return found, excess
 
     def singles(self) -> tuple[list[Polytope], float]:
-        """Return the hull of every piece, in the given frame, and an upper bound of their excess [m]."""
+        """Return every piece's hull and a bound of the over-approximation error [m]."""
         found, excess = [], 0.0
         for k in range(self.n):
             points = self._points_of(k)
@@ -329,14 +329,14 @@ class _Groups:
         return found, excess
 
     def _turned(self, polytope: Polytope) -> Polytope:
-        """Return a polytope of the part's own frame in the frame that was given."""
+        """Return a polytope of the part's frame in the given frame."""
         planes = np.column_stack([polytope.planes[:, :3] @ self.frame, polytope.planes[:, 3]])
         return Polytope(polytope.vertices @ self.frame, planes)
 
     def _apart(self) -> Array:
-        """Return how far lines between two pieces leave the solid at most; array, shape (n, n) [m].
+        """Return how far lines between pieces leave the solid; shape (n, n) [m].
 
-        Only lines between extreme points of the pieces and between their middles are looked at.
+        Lines connect extreme points of the pieces, and their middles.
         """
         seen, first = [], [0]
         for a, b in zip(self.first[:-1], self.first[1:], strict=True):
@@ -353,7 +353,7 @@ class _Groups:
     def _best(
         self, apart: Array, middle: Array, left: NDArray[np.bool_], rng: np.random.Generator
     ) -> tuple[Polytope, NDArray[np.bool_]]:
-        """Return the hull that contains most of the remaining pieces, and which pieces it contains."""
+        """Return the hull that contains most remaining pieces, and which."""
         open_ = np.flatnonzero(left)
         seeds = rng.choice(open_, size=min(self.settings.n_seeds, len(open_)), replace=False)
         for strict in self.settings.strictness:
@@ -384,7 +384,7 @@ class _Groups:
         return hull, self._held(hull) | (np.arange(self.n) == piece)
 
     def _is_near(self, hull: Polytope) -> bool:
-        """Return whether no point of a hull is farther from the mesh than a group's hull may be."""
+        """Return whether a hull stays near enough to the mesh."""
         if self.thickness:  # a thin hull may contain no grid node
             return self.distance.farthest(hull, self.settings.finest * self.near) <= self.near
         return self.distance.is_near(hull, self.near)
@@ -393,7 +393,6 @@ class _Groups:
         return self.points[self.first[piece] : self.first[piece + 1]]
 
     def _held(self, hull: Polytope) -> NDArray[np.bool_]:
-        """Return which pieces are in a hull; array of bool, shape (n,)."""
         return np.logical_and.reduceat(
             _behind(self.points, hull.planes, ROUNDING * self.size), self.first[:-1]
         )
@@ -410,7 +409,7 @@ class _Groups:
 
 
 def frame_of(corners: Array) -> Array:
-    """Return a frame along the normals of the largest flat side and of the largest one across it.
+    """Return a frame along the normals of the largest flat sides.
 
     Returns
     -------
@@ -433,7 +432,7 @@ def frame_of(corners: Array) -> Array:
 
 
 def _main_direction(normals: Array, area: Array) -> Array:
-    """Return the normal, up to its sign, that belongs to the largest total area."""
+    """Return the normal of the largest total area, up to its sign."""
     some = np.argsort(-area, kind="stable")[:200]
     total = (np.abs(normals[some] @ normals.T) > 1 - 1e-6) @ area
     return normals[some[total.argmax()]]
@@ -464,20 +463,18 @@ class Distance:
         self.field = self._field.reshape(count)
 
     def __call__(self, points: Array, cutoff: float = np.inf) -> Array:
-        """Return the distances of points, array of shape (n, 3), `cutoff` at most; array, shape (n,) [m]."""
+        """Return distances of points (n, 3), at most `cutoff`; shape (n,) [m]."""
         return point_distances(self.surface, 0, np.ascontiguousarray(points), cutoff, False)
 
     def is_near(self, hull: Polytope, most: float) -> bool:
-        """Return whether no grid node inside a hull is farther than `most` [m] from the solid."""
+        """Return whether all grid nodes in a hull are near the solid. The largest distance allowed is `most` [m]."""
         far = self._nodes[self._field > most]
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
         far = far[((far > low) & (far < high)).all(axis=1)]
         return not bool(_behind(far, hull.planes, -1e-6 * self.step).any())
 
     def farthest(self, hull: Polytope, enough: float) -> float:
-        """Return an upper bound of the distance of a hull's points from the solid [m], or `enough` if that is
-        larger.
-        """
+        """Return an upper bound of a hull's distances from the solid [m]. It is at least `enough`."""
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
         nodes = self._nodes[self._field > enough]
         inside = _behind(nodes, hull.planes, 0.0)
@@ -501,7 +498,7 @@ class Distance:
 
 @kernel
 def _left_out(triangles, planes, first, tolerance):
-    """Return the polygons that remain of triangles when everything inside one polytope after the other is cut off.
+    """Return the polygons of triangles that polytopes leave over.
 
     Parameters
     ----------
@@ -565,7 +562,7 @@ def _copy_rows(source, n, target):
 
 @kernel
 def _is_beyond(polygon, planes, tolerance):
-    """Return whether all corners of a polygon (n, 3) are `tolerance` [m] or more beyond one of the planes (m, 4)."""
+    """Return whether a polygon lies beyond a plane by `tolerance` [m]. Shapes are (n, 3) and (m, 4)."""
     for plane in planes:
         least = np.inf
         for p in polygon:
@@ -577,7 +574,7 @@ def _is_beyond(polygon, planes, tolerance):
 
 @kernel
 def _behind(points, planes, out):
-    """Return which points (n, 3) are beyond none of the planes (m, 4) by more than `out` [m]."""
+    """Return which points (n, 3) lie behind all planes (m, 4). They may be beyond by `out` [m]."""
     inside = np.ones(points.shape[0], dtype=np.bool_)
     for i in range(points.shape[0]):
         for k in range(planes.shape[0]):
@@ -590,7 +587,7 @@ def _behind(points, planes, out):
 
 @kernel
 def _lines(points, first, middle, field, origin, step, most):
-    """Return how far lines between pieces leave the solid, (n, n) [m]; infinite where it is more than `most`."""
+    """Return how far lines between pieces leave the solid, (n, n) [m]; infinite beyond `most`."""
     n = first.shape[0] - 1
     apart = np.zeros((n, n))
     for p in range(n):
@@ -638,7 +635,7 @@ def _interpolated(field, x, y, z):
 
 @kernel
 def _group(see, seed, order):
-    """Return which pieces form a group that all see each other, grown from a seed; array of bool, shape (n,).
+    """Return a group of pieces that all see each other. It is grown from a seed; array of bool, shape (n,).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Signed distances from points and segments to obstacles, in numba kernels.
+"""Signed distances from points and segments to obstacles.
 
 Obstacles are rows of one table, which kernels take at no cost. The columns of a row are `KIND`, `CENTER` (3),
 `ROTATION` (9, a row-major matrix whose columns are the obstacle's axes in the world), `SIZE` (3) and `REACH` (radius
@@ -8,19 +8,18 @@ radius by which a polytope is rounded. The row of a polytope continues with `N_P
 `BALL` (the radius about `MIDDLE` that contains the vertices), then `PLANES`, the planes n x <= d as (n, d), and the
 vertices, in the obstacle's frame; all rows are as long as the longest.
 
-Everything is spatial: a planar scene is the slice z = 0 of a spatial one whose boxes and ellipses reach far
-along z. One set of kernels then serves both, and the distances within the slice are exact.
+Everything is spatial: a planar scene is the slice z = 0 of a spatial one whose boxes and ellipses reach far along z.
+One set of kernels then serves both, and the distances within the slice are exact.
 
-Every obstacle is convex, so its signed distance (negative inside) is a convex function with Lipschitz
-constant 1; along a segment it is convex too, which `segment_distance` uses. For a polytope, the largest
-distance from one of its planes replaces the signed distance: it is convex with the same constant, 0 on the surface as
-well, and never above the signed distance. Additional planes that touch the polytope at its edges and corners keep the
-difference within an eighth of the distance (`comove.geometry.polytopes`).
+Every obstacle is convex, so its signed distance (negative inside) is a convex function with Lipschitz constant 1;
+along a segment it is convex too, which `segment_distance` uses. For a polytope, the largest distance from one of its
+planes replaces the signed distance: it is convex with the same constant, 0 on the surface as well, and never above
+the signed distance. Additional planes that touch the polytope at its edges and corners keep the difference within an
+eighth of the distance (`comove.geometry.polytopes`).
 
-The inner step of GJK is here as well: the point of a simplex that is nearest to the origin.
-The nearest point lies inside one of the simplex's faces, where it is the foot of the perpendicular on the face's
-plane. So among all faces whose foot has no negative weight, the nearest foot is the nearest point (Gilbert, Johnson
-& Keerthi, 1988).
+The inner step of GJK is here as well: the point of a simplex that is nearest to the origin. The nearest point lies
+inside one of the simplex's faces, where it is the foot of the perpendicular on the face's plane. So among all faces
+whose foot has no negative weight, the nearest foot is the nearest point (Gilbert, Johnson & Keerthi, 1988).
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ TINY = 1e-12
 
 
 def inflated(table: Array, margin: Array) -> Array:
-    """Return obstacles grown to contain every point within `margin`, array of shape (n_obstacles,) [m]."""
+    """Return obstacles that contain every point within `margin` (n_obstacles,) [m]."""
     table, kind = table.copy(), table[:, KIND].astype(int)
     sizes = table[:, SIZE : SIZE + 3]
     # How many sizes grow: the radius of a capsule carries its ends along, and so does a polytope's rounding.
@@ -62,7 +61,7 @@ def points_apart(p, q):
 
 @kernel(counted=False)
 def point_distance(table, j, x, y, z):
-    """Return the signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
+    """Return a point's signed distance [m] from obstacle `j`; negative inside."""
     kind = int(table[j, 0])
     x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
     a, b, c = table[j, 13], table[j, 14], table[j, 15]
@@ -89,9 +88,10 @@ def point_distance(table, j, x, y, z):
 
 @kernel(counted=False)
 def _farthest_plane(table, j, x, y, z):
-    """Return a point's largest distance [m] from a polytope's planes, and the column at which that plane begins.
+    """Return a point's distance [m] from the farthest plane, and its column.
 
-    The point is given relative to the polytope's centre, along the axes of the world.
+    The plane is one of a polytope's. The point is given relative to the polytope's centre, along the axes of the
+    world.
     """
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
@@ -107,11 +107,13 @@ def _farthest_plane(table, j, x, y, z):
 
 @kernel
 def _ellipsoid_normal(a, b, c, u, v, w):
-    """Find the point on an axis-aligned ellipsoid that is nearest to a point of the first octant.
+    """Find the point of an ellipsoid nearest to a point.
+
+    The ellipsoid is axis-aligned, the point in the first octant.
 
     The nearest point is r_i^2 p_i / (t + r_i^2), where t solves sum (r_i p_i / (t + r_i^2))^2 = 1; that sum is convex
-    and decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal
-    p_i / (t + r_i^2), and its length; the signed distance is t times the length.
+    and decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal p_i /
+    (t + r_i^2), and its length; the signed distance is t times the length.
     """
     u, v, w = max(u, TINY * a), max(v, TINY * b), max(w, TINY * c)
     least = min(a, b, c) ** 2
@@ -130,9 +132,9 @@ def _ellipsoid_normal(a, b, c, u, v, w):
 
 @kernel(counted=False)
 def tangent(table, j, x, y, z, dx, dy, dz):
-    """Return the signed distance [m] from a point to obstacle `j`, and its slope along (dx, dy, dz).
+    """Return a point's signed distance [m] from obstacle `j`, and its slope.
 
-    Where the distance has a kink, the slope is that of a subgradient.
+    The slope is along (dx, dy, dz). Where the distance has a kink, the slope is that of a subgradient.
     """
     kind = int(table[j, 0])
     x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
@@ -186,10 +188,7 @@ def tangent(table, j, x, y, z, dx, dy, dz):
 
 @kernel(counted=False)
 def distance_and_gradient(table, j, x, y, z):
-    """Return the signed distance [m] of a point from obstacle `j` and the three components of its gradient.
-
-    At a kink it is a subgradient.
-    """
+    """Return a point's signed distance [m] from obstacle `j` and its gradient. At a kink it is a subgradient."""
     distance, gx = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)
     return (
         distance,
@@ -201,7 +200,7 @@ def distance_and_gradient(table, j, x, y, z):
 
 @kernel(counted=False)
 def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
-    """Return the least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
+    """Return the least signed distance [m] of a segment from obstacle `j`.
 
     The result is an upper bound, at most `tolerance` above the least distance; where the least distance is certainly
     above `cutoff`, any value above `cutoff` may be returned.
@@ -211,11 +210,12 @@ def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
 
 @kernel(inline="always")  # unused results cost nothing
 def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
-    """Find where on the segment p-q the distance to obstacle `j` is least, as accurately as `segment_distance`.
+    """Find the point of a segment nearest to obstacle `j`.
 
-    The distance is convex along the segment, so tangents bound it from below: the next point to evaluate is where the
-    tangents at both ends of a bracket meet. Returns the distance [m], the ends of the last bracket as fractions of
-    the segment (equal where the nearest point is known exactly), and the slopes there.
+    It is as accurate as `segment_distance`. The distance is convex along the segment, so tangents bound it from
+    below: the next point to evaluate is where the tangents at both ends of a bracket meet. Returns the distance [m],
+    the ends of the last bracket as fractions of the segment (equal where the nearest point is known exactly), and the
+    slopes there.
     """
     dx, dy, dz = qx - px, qy - py, qz - pz
     middle, rise = tangent(table, j, px + 0.5 * dx, py + 0.5 * dy, pz + 0.5 * dz, dx, dy, dz)
@@ -296,7 +296,7 @@ DEGENERATE = 1e-14  # of the product of squared edges: faces that flat have side
 
 @kernel
 def has_last_before(corners, n):
-    """Return whether corner n is among those before, so that GJK gets no nearer by it."""
+    """Return whether corner n repeats an earlier one, so that GJK ends."""
     for i in range(n):
         if (
             corners[i, 0] == corners[n, 0]
@@ -309,9 +309,10 @@ def has_last_before(corners, n):
 
 @kernel
 def nearest_of_simplex(corners, n, weights):
-    """Write in `weights` (4) the weights of a simplex's point nearest to the origin, and return its squared distance.
+    """Compute the weights of a simplex's point nearest to the origin.
 
-    The simplex has the first n rows of `corners`, array of shape (4, 3), as corners.
+    They are written in `weights` (4), and the squared distance is returned. The first n rows of `corners`, array of
+    shape (4, 3), are the simplex.
     """
     best = np.inf
     for face in range(FACES.shape[0]):
@@ -360,7 +361,7 @@ def nearest_of_simplex(corners, n, weights):
 
 @kernel
 def _around_origin(corners, weights):
-    """Return whether the origin is inside the tetrahedron; if so, write the origin's weights in `weights`."""
+    """Return whether the tetrahedron holds the origin; write its `weights`."""
     a, b, c, d = (
         _volume(corners[1], corners[3], corners[2]),
         _volume(corners[0], corners[2], corners[3]),

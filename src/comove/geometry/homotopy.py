@@ -1,8 +1,9 @@
-"""Classes of paths that can be deformed into each other among points that they may not touch (homotopy) in the plane.
+"""Homotopy classes of paths among points in the plane.
 
-From every point a ray goes up. A path is a word: the rays that it crosses, in order, with the direction; a crossing
-that is undone at once is left out. Two paths between the same ends can be deformed into each other without touching a
-point if and only if their words are equal (the fundamental group of the plane without points is free).
+Paths of one class can be deformed into each other without touching a point. From every point a ray goes up. A path is
+a word: the rays that it crosses, in order, with the direction; a crossing that is undone at once is left out. Two
+paths between the same ends can be deformed into each other without touching a point if and only if their words are
+equal (the fundamental group of the plane without points is free).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from comove.arrays import Array
 
 
 def crossings(path: Array, points: Array) -> tuple[tuple[int, int], ...]:
-    """Return the word of a path: numbers of the points whose rays are crossed, and the direction (1: towards +x).
+    """Return the word of a path: rays crossed, and directions. A direction of 1 is towards +x.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def crossings(path: Array, points: Array) -> tuple[tuple[int, int], ...]:
 
 
 def word_text(word: tuple[tuple[int, int], ...]) -> str:
-    """Return a word as text, such as ``0+ 2-``; a minus sign is a crossing towards -x.
+    """Return a word as text, such as ``0+ 2-``.
 
     >>> word_text(((0, 1), (2, -1)))
     '0+ 2-'

@@ -1,4 +1,4 @@
-"""The meshes of a scene: the triangles as the files hold them, in metres, and the solids and sheets they form."""
+"""Meshes of a scene: their triangles, in metres, and solids and sheets."""
 
 from __future__ import annotations
 
@@ -47,9 +47,7 @@ class Mesh:
         return bool(spread[2] <= FLAT * spread[0])
 
     def decomposed(self, resolution: float | None, *, few: bool) -> ConvexDecomposition:
-        """Return convex polytopes that contain all triangles and what they close (see
-        `comove.geometry.convex_decomposition.decompose`).
-        """
+        """Return convex polytopes that contain the mesh. See `comove.geometry.convex_decomposition.decompose`."""
         return _decomposed(self, resolution, few)
 
 
@@ -96,7 +94,7 @@ def read_mesh(
 
 @lru_cache(maxsize=16)  # the same file is often several obstacles, or asked for again
 def _read(data: bytes, suffix: str, scale: float) -> tuple[Mesh, tuple[str, ...]]:
-    """Return the mesh, and the messages of which the user is warned."""
+    """Return the mesh and its warnings."""
     vertices, faces = triangles_of(data, suffix)
     if len(faces) > MAX_FACES:
         raise MeshError(f"it has {len(faces)} triangles", way_out=f"decimate it to {MAX_FACES} or fewer")

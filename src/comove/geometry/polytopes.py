@@ -1,4 +1,4 @@
-"""Convex polytopes: hulls of points, coarser hulls around them, and their rows in the table that kernels take."""
+"""Convex polytopes: hulls of points, coarser hulls, and their table rows."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Polytope:
 
 
 def hull_of(points: Array) -> Polytope | None:
-    """Return the convex hull of points, array of shape (n, 3) [m]; None where they all lie in one plane."""
+    """Return the convex hull of points (n, 3) [m], or None. It is None where they all lie in one plane."""
     from scipy.spatial import ConvexHull, QhullError  # slow to import, and only polytopes need it
 
     try:
@@ -48,7 +48,7 @@ def hull_of(points: Array) -> Polytope | None:
 
 
 def solid_hull_of(points: Array) -> Polytope:
-    """Return the convex hull of points, array of shape (n, 3) [m].
+    """Return the convex hull of points (n, 3) [m].
 
     Raises
     ------
@@ -62,9 +62,9 @@ def solid_hull_of(points: Array) -> Polytope:
 
 
 def hull_triangles(points: Array, thickness: float = 1e-4) -> tuple[Array, Integers]:
-    """Return the convex hull of points, array of shape (n, 3) [m], as vertices and triangles that turn outwards.
+    """Return the convex hull of points (n, 3) [m] as outward triangles.
 
-    Points in one plane are taken to be so thick [m].
+    The results are vertices and faces. Points in one plane are thickened [m].
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -81,7 +81,7 @@ def hull_triangles(points: Array, thickness: float = 1e-4) -> tuple[Array, Integ
 
 
 def thickened(points: Array, thickness: float) -> Array:
-    """Return the neighbours of every point, half the thickness away along the axes; array, shape (6 n, 3) [m]."""
+    """Return six neighbours of every point along the axes; shape (6 n, 3) [m]. They are half the thickness away."""
     steps = 0.5 * thickness * np.concatenate([np.eye(3), -np.eye(3)])
     return (points[:, None] + steps).reshape(-1, 3)
 
@@ -96,7 +96,7 @@ def _planes(vertices: Array, normals: Array) -> Array:
 def coarser(
     hull: Polytope, tolerance: float, *, many: tuple[int, int] = (48, 40), most_planes: int = 96
 ) -> tuple[Polytope, float]:
-    """Return a polytope with fewer planes around a hull that has many, and how far it reaches beyond the hull [m].
+    """Return a hull with fewer planes, and its over-approximation error [m].
 
     It begins as a box. The vertex that is farthest from the hull is cut off by the plane that touches the hull at the
     point nearest to the vertex, until no vertex is farther than `tolerance` [m], or `most_planes` are reached.
@@ -134,9 +134,9 @@ def coarser(
 
 @kernel
 def nearest_in_hull(vertices, points):
-    """Return the points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3) [m].
+    """Return the nearest points of a convex hull; array, shape (m, 3).
 
-    Array, shape (m, 3).
+    The hull is that of `vertices` (n, 3), and `points` (m, 3) are the given points [m].
     """
     feet, normal, scratch = points.copy(), np.array([1.0, 0.0, 0.0]), np.empty((3, 4, 3))
     triangle = np.empty((3, 3))
@@ -149,7 +149,7 @@ def nearest_in_hull(vertices, points):
 
 
 def bevelled(polytope: Polytope) -> Array:
-    """Return the planes of a polytope and further planes that touch its edges and corners; array, shape (n, 4).
+    """Return a polytope's planes with planes at edges and corners; shape (n, 4).
 
     The further planes cut nothing off. Outside, the largest distance from a plane that touches the polytope at the
     nearest point is the distance times the cosine of the angle between their directions: with normals `BETWEEN` apart
@@ -203,6 +203,6 @@ def rows_of(polytopes: list[Polytope], center: Array, rotation: Array) -> Array:
 
 
 def vertices_in(row: Array) -> Array:
-    """Return the vertices that a polytope's row holds, in the obstacle's frame; array, shape (n_vertices, 3) [m]."""
+    """Return a polytope row's vertices in the obstacle's frame; shape (n_vertices, 3) [m]."""
     first = sd.PLANES + 4 * int(row[sd.N_PLANES])
     return row[first : first + 3 * int(row[sd.N_VERTICES])].reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Rotations: quaternions, continuous rotation vectors, similarity transforms, and rotations that fit points.
+"""Rotations: quaternions, rotation vectors, similarity transforms, and fits to points.
 
 Quaternions are w x y z; rotation vectors point along the axis and are as long as the angle [rad]. A body that turns
 with ``R(t) = exp(r(t))`` has the angular velocity ``J(r) r'`` in the world's frame, J the left Jacobian of SO(3).
@@ -17,7 +17,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Compute cross products, as `np.cross` does but without moving axes; arrays, shape (..., 3), that broadcast."""
+    """Compute cross products; arrays, shape (..., 3), that broadcast."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
@@ -50,9 +50,9 @@ def exponential(vectors: Array) -> Array:
 
 
 def logarithm(quaternion: Array, near: Array | None = None) -> Array:
-    """Compute the rotation vector of one orientation, shape (4,), that is nearest to the vector `near`, shape (3,).
+    """Compute the rotation vector of a quaternion (4,) that is nearest `near`.
 
-    If `near` is not given, it is the shortest one.
+    Without `near`, array of shape (3,), it is the shortest one.
     """
     near = np.zeros(3) if near is None else near
     if quaternion[0] < 0.0:
@@ -69,7 +69,7 @@ def logarithm(quaternion: Array, near: Array | None = None) -> Array:
 
 
 def turn_between(a: Array, b: Array, near: Array | None = None) -> Array:
-    """Compute the rotation vector r with ``exp(r) b = a`` that is nearest to `near` (by default the shortest).
+    """Compute the rotation vector r with ``exp(r) b = a``. It is the nearest to `near`, by default the shortest.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def turn_between(a: Array, b: Array, near: Array | None = None) -> Array:
 
 
 def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array:
-    """Compute the rotation vectors of a movement without jumps; the last is the shortest, or nearest to `last`.
+    """Compute the rotation vectors of a movement without jumps. The last is the shortest, or nearest to `last`.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def angular_velocity(vectors: Array, rates: Array) -> Array:
 
 
 def rates_of(vector: Array, angular: Array) -> Array:
-    """Compute r' from a rotation vector r and its angular velocity, shape (3,): the inverse of `angular_velocity`."""
+    """Compute r' from a rotation vector and an angular velocity: the inverse of `angular_velocity`."""
     jacobian = np.stack([angular_velocity(vector, unit) for unit in np.eye(3)], axis=1)
     return np.asarray(np.linalg.solve(jacobian, angular), dtype=np.float64)
 
@@ -143,10 +143,10 @@ def matrices(quaternions: Array) -> Array:
 
 
 def similarity(a: Array, b: Array) -> Array:
-    """Return the smallest rotation times scale that maps the vector `a` to `b`; array, shape (n, n).
+    """Return the smallest rotation times scale that maps `a` to `b`. It is an array, shape (n, n).
 
     In one dimension, where rotation is impossible, it is b/a. For opposite vectors the axis is not determined: a
-    fixed one is taken.
+    fixed one is used.
     """
     if len(a) == 1:
         return (b / a)[:, None]
@@ -167,7 +167,7 @@ def similarity(a: Array, b: Array) -> Array:
 
 
 def fit_angle(grasps: Array, hands: Array) -> Array:
-    """Return the angles [rad] that turn `grasps` (n, 3) about z nearest to `hands` (..., n, 3); shape (...)."""
+    """Return angles [rad] about z that best fit grasps to end effectors; (n, 3), (..., n, 3) -> (...)."""
     held, wanted = _about_middle(grasps), _about_middle(hands)
     cosine = (held[:, 0] * wanted[..., 0] + held[:, 1] * wanted[..., 1]).sum(axis=-1)
     sine = (held[:, 0] * wanted[..., 1] - held[:, 1] * wanted[..., 0]).sum(axis=-1)
@@ -175,15 +175,15 @@ def fit_angle(grasps: Array, hands: Array) -> Array:
 
 
 def fit_direction(grasps: Array, hands: Array) -> Array:
-    """Return unit vectors (..., 3) along which `grasps` (n, 3), on the x axis, are nearest to `hands` (..., n, 3)."""
+    """Return x axes that best fit grasps to end effectors; (n, 3), (..., n, 3) -> (..., 3)."""
     direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
 def fit_quaternion(grasps: Array, hands: Array) -> Array:
-    """Return unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3).
+    """Return quaternions, w x y z, that best turn `grasps` onto `hands`.
 
-    The method is Horn's (1987).
+    Shapes are (n, 3) and (..., n, 3) -> (..., 4). The method is Horn's (1987).
     """
     s = np.einsum("ni,...nj->...ij", _about_middle(grasps), _about_middle(hands))
     cross = [s[..., 1, 2] - s[..., 2, 1], s[..., 2, 0] - s[..., 0, 2], s[..., 0, 1] - s[..., 1, 0]]
@@ -197,10 +197,10 @@ def fit_quaternion(grasps: Array, hands: Array) -> Array:
 
 
 def levelling(along: Array, up: Array) -> Array:
-    """Return the smallest rotation, shape (3, 3), that makes all vectors `along` (n, 3) perpendicular to the unit
-    vector `up`.
+    """Return the smallest rotation that makes vectors perpendicular to `up`.
 
-    Where they would have to turn so far that `up` lies almost in their span, it is the identity.
+    `along` has shape (n, 3), the rotation (3, 3); `up` is a unit vector. Where they would have to turn so far that
+    `up` lies almost in their span, it is the identity.
     """
     _, spread, axes = np.linalg.svd(along, full_matrices=False)
     axes = axes[spread > 1e-6 * spread[0]]
@@ -210,9 +210,9 @@ def levelling(along: Array, up: Array) -> Array:
 
 
 def standing(x: Array, up: Array = UP) -> Array:
-    """Return the rotation whose x axis is `x` and whose z axis leans least from `up`; array, shape (3, 3).
+    """Return the rotation (3, 3) whose z axis leans least from `up`.
 
-    `x` and `up` are unit vectors, and not parallel.
+    Its x axis is `x`. Both are unit vectors, and not parallel.
     """
     z = up - (x @ up) * x
     z /= np.linalg.norm(z)
@@ -220,16 +220,17 @@ def standing(x: Array, up: Array = UP) -> Array:
 
 
 def facing(x: Array) -> Array:
-    """Return the rotation whose x axis is the unit vector `x`, and whose z axis is as upright as it can be; where `x`
-    is nearly vertical, z is as near to the world's x.
+    """Return the rotation with given x axis and z most upright.
+
+    Where the unit vector `x` is nearly vertical, z is as near as possible to the world's x.
     """
     return standing(x, UP if abs(x[2]) < 0.999 else np.array([1.0, 0.0, 0.0]))
 
 
 def evenly_spread(count: int, n_dims: int = 3) -> Array:
-    """Return unit vectors that are evenly spread, in the plane or in space (Fibonacci's lattice).
+    """Return evenly spread unit vectors; array, shape (count, 3).
 
-    Array, shape (count, 3).
+    They are in the plane or in space (Fibonacci's lattice).
     """
     k = np.arange(count)
     if n_dims == 2:
@@ -251,9 +252,9 @@ def rotation_in_plane(angle: Array | float) -> Array:
 
 
 def quaternion_of_rotation(rotation: Array) -> Array:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix (Shepperd, 1978).
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix. The method is Shepperd's (1978).
 
-    Its sign makes the first number that is not 0 positive.
+    Its first nonzero number is positive.
     """
     m = rotation
     trace = np.trace(m)

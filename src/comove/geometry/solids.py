@@ -1,4 +1,4 @@
-"""Distances of solids from obstacles, in numba kernels.
+"""Distances of solids from obstacles.
 
 A box is one array, shape (4, 3): its centre b and three half edges e_k in the world [m]. A hull, the convex hull of
 points, is an array of these points [m], of which there are never `BOX_ROWS`. Along a unit vector n a solid and an
@@ -61,7 +61,7 @@ def empty_solid(solids):
 
 @kernel
 def solid_at(nodes, corners, solid):
-    """Write in `solid` the box or hull that has the given `corners`, which are rows of `nodes` (n_nodes, 3) [m]."""
+    """Write the box or hull with given `corners` in `solid`. Corners are rows of `nodes` (n_nodes, 3) [m]."""
     if solid.shape[0] != BOX_ROWS:
         for i in range(corners.shape[0]):
             for axis in range(3):
@@ -77,7 +77,7 @@ def solid_at(nodes, corners, solid):
 
 @kernel
 def support(table, j, x, y, z):
-    """Return the point of obstacle `j` that is farthest along the unit vector (x, y, z) [m].
+    """Return obstacle `j`'s farthest point [m] along a unit vector.
 
     The point is relative to the obstacle's centre.
     """
@@ -110,10 +110,7 @@ def support(table, j, x, y, z):
 
 @kernel
 def _farthest_vertex(table, j, u, v, w):
-    """Return the column at which, in a polytope's row, the vertex begins that is farthest along (u, v, w).
-
-    The direction is in the obstacle's frame.
-    """
+    """Return the column of a polytope's farthest vertex along (u, v, w). The direction is in the obstacle's frame."""
     first = PLANES + 4 * int(table[j, N_PLANES])
     best, farthest = first, -np.inf
     for k in range(int(table[j, N_VERTICES])):
@@ -126,7 +123,7 @@ def _farthest_vertex(table, j, u, v, w):
 
 @kernel
 def solid_support(solid, x, y, z):
-    """Return the point of a solid that is farthest along (x, y, z) [m]."""
+    """Return a solid's farthest point along (x, y, z) [m]."""
     if solid.shape[0] == BOX_ROWS:
         u, v, w = solid[0, 0], solid[0, 1], solid[0, 2]
         for k in range(1, 4):
@@ -143,10 +140,7 @@ def solid_support(solid, x, y, z):
 
 @kernel
 def gap(table, j, solid, x, y, z):
-    """Return the gap [m] between a solid and obstacle `j` along the unit vector (x, y, z).
-
-    The vector points away from the solid.
-    """
+    """Return the gap [m] between a solid and an obstacle. The unit vector (x, y, z) points away from the solid."""
     if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
         p, q, r = support(table, j, -x, -y, -z)
         u, v, w = solid_support(solid, x, y, z)
@@ -161,12 +155,12 @@ def gap(table, j, solid, x, y, z):
 
 @kernel
 def solid_distance(table, j, solid, cutoff, normal):
-    """Return a lower and an upper bound of the distance [m] between a solid and obstacle `j`.
+    """Return bounds of the distance [m] between a solid and obstacle `j`.
 
-    The unit vector `normal` (3) is the direction tried first; the best one is written in it, and the lower bound is
-    the gap along it. The upper bound is the signed distance of a point of the solid, negative within the obstacle.
-    Where the two do not overlap, the bounds differ by about `TOLERANCE`. Where the distance is certainly above
-    `cutoff`, any values above it may be returned.
+    The first is a lower, the second an upper bound. The unit vector `normal` (3) is the direction tried first; the
+    best one is written in it, and the lower bound is the gap along it. The upper bound is the signed distance of a
+    point of the solid, negative within the obstacle. Where the two do not overlap, the bounds differ by about
+    `TOLERANCE`. Where the distance is certainly above `cutoff`, any values above it may be returned.
     """
     if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
         return hull_distance(table, j, solid, cutoff, normal, np.empty(3))
@@ -222,7 +216,7 @@ def solid_distance(table, j, solid, cutoff, normal):
 
 @kernel
 def hull_distance(table, j, solid, cutoff, normal, near):
-    """Return the bounds of `solid_distance`, found by GJK, and write the solid's nearest point in `near` (3).
+    """Return the bounds of `solid_distance` by GJK. The solid's nearest point is written in `near` (3).
 
     Where the distance is certainly above `cutoff`, `near` may be the solid's middle.
     """
@@ -285,9 +279,9 @@ def hull_distance(table, j, solid, cutoff, normal, near):
 
 @kernel
 def _core_support(table, j, x, y, z):
-    """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z) [m].
+    """Return the farthest point of an obstacle without its rounding [m].
 
-    The point is relative to the obstacle's centre.
+    The direction is (x, y, z). The point is relative to the obstacle's centre.
     """
     kind = table[j, 0]
     if kind == SPHERE:
@@ -301,7 +295,7 @@ def _core_support(table, j, x, y, z):
 
 @kernel
 def _ball(solid):
-    """Return the centre and the radius [m] of a ball that contains a solid."""
+    """Return centre and radius [m] of a ball that contains a solid."""
     x, y, z, reach = solid[0, 0], solid[0, 1], solid[0, 2], 0.0
     if solid.shape[0] == BOX_ROWS:
         for k in range(1, 4):
@@ -334,12 +328,10 @@ def _beyond_ball(table, j, x, y, z):
 
 @kernel
 def _deepest(table, j, solid, wide, normal):
-    """Return the widest of the gaps, all negative, of a solid and an obstacle that overlap.
+    """Return the widest of the negative gaps of an overlapping solid.
 
-    Its direction is written in `normal`.
-
-    The directions tried are `normal`, the line between the centres, and the normals of a polytope or the obstacle's
-    axes.
+    Its direction is written in `normal`. The directions tried are `normal`, the line between the centres, and the
+    normals of a polytope or the obstacle's axes.
     """
     u, v, w, _ = _ball(solid)
     x, y, z = table[j, 1] - u, table[j, 2] - v, table[j, 3] - w
@@ -363,7 +355,7 @@ def _deepest(table, j, solid, wide, normal):
 
 @kernel
 def _widened(table, j, solid, x, y, z, wide, normal):
-    """Return the wider of the gaps `wide` and that along (x, y, z).
+    """Return the wider of `wide` and the gap along (x, y, z).
 
     Where it is the latter, (x, y, z) is written in `normal`.
     """
@@ -376,7 +368,7 @@ def _widened(table, j, solid, x, y, z, wide, normal):
 
 @kernel
 def edge_of(solid, e):
-    """Return one end of edge `e` (0 to 11) of a box and the vector from it to the other end."""
+    """Return one end of a box's edge `e` and its vector. `e` is 0 to 11."""
     k = 1 + e // 4
     left, right = 1 if k > 1 else 2, 3 if k < 3 else 2
     f, g = 2.0 * (e % 2) - 1.0, 2.0 * (e // 2 % 2) - 1.0
@@ -392,9 +384,9 @@ def edge_of(solid, e):
 
 @kernel
 def point_before_face(table, j, solid, k):
-    """Return the point of a box [m] that may be nearest to obstacle `j` of all points of a face across half edge `k`.
+    """Return a box's point [m] that may be nearest to obstacle `j`.
 
-    The point is on the face, or inside the box where the obstacle reaches into it.
+    The point is on the face across half edge `k`, or inside the box where the obstacle reaches into it.
 
     An obstacle that overlaps the box and touches none of its edges reaches through the inside of a face, or lies
     inside the box. The line from the obstacle's centre to its point farthest beyond the face then meets the face
@@ -421,7 +413,7 @@ def point_before_face(table, j, solid, k):
 
 @kernel
 def solids_clearance(nodes, solids, table, lower, upper):
-    """Return the clearance [m] of the solids of one configuration, and the nearest obstacle.
+    """Return a configuration's clearance [m] and the nearest obstacle.
 
     Parameters
     ----------
@@ -451,7 +443,7 @@ def solids_clearance(nodes, solids, table, lower, upper):
 
 @kernel
 def border_distance(solid, lower, upper):
-    """Return the distance [m] of a solid from the border of the workspace, negative where it reaches beyond."""
+    """Return a solid's distance [m] from the workspace border; negative beyond it."""
     distance = np.inf
     if solid.shape[0] != BOX_ROWS:
         for i in range(solid.shape[0]):

@@ -23,9 +23,9 @@ class CoverEffort(NamedTuple):
 
     Attributes
     ----------
-    hollow : largest radius of a sphere, as a multiple of the detail: in larger ones there might be something unseen
+    hollow : largest radius of a sphere, as a multiple of the detail: larger ones might contain unseen obstacles
     n_iterations : steps of the search for the centre of a sphere
-    n_directions : directions in which it is looked at how far a sphere sticks out
+    n_directions : directions in which a sphere's over-approximation error is measured
     """
 
     hollow: float = 10.0
@@ -67,7 +67,7 @@ class SphereCover(NamedTuple):
 
 
 def thinned(points: Array, edge: float) -> Cells:
-    """Sort points, array of shape (n_points, 3), into cells of a given edge [m]."""
+    """Sort points (n_points, 3) into grid cells of an edge [m]."""
     key = np.floor(points / edge).astype(np.int64)
     low = key.min(axis=0, initial=0)
     span = key.max(axis=0, initial=0) - low + 1
@@ -86,7 +86,7 @@ def covered(
     most: int,
     effort: CoverEffort = COVER_EFFORT,
 ) -> SphereCover:
-    """Return spheres that contain all points, where each sphere belongs to one group.
+    """Return spheres that contain all points, each of one group.
 
     Parameters
     ----------
@@ -114,13 +114,13 @@ def covered(
 
 @kernel
 def _split(points, order, spans, detail, most, directions, effort):
-    """Return the centres (most, 3) of spheres, the sphere of every point, and the number of spheres.
+    """Return sphere centres (most, 3), every point's sphere, and the number.
 
     Parameters
     ----------
     order : array of int, shape (n_points,), indices of the points group by group; it is rearranged
     spans : array of int, shape (n_groups, 2), where each group begins and ends in `order`
-    directions : array, shape (n_directions, 3), unit vectors in which it is looked at how far a sphere sticks out
+    directions : array, shape (n_directions, 3), unit vectors in which errors are measured
     """
     center, excess = np.zeros((most, 3)), np.zeros(most)
     first, last = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
@@ -146,9 +146,9 @@ def _split(points, order, spans, detail, most, directions, effort):
 
 @kernel
 def _sphere(points, own, directions, detail, effort, center):
-    """Write in `center` the centre of a sphere about some points, and return how far it sticks out of them [m].
+    """Compute a sphere about points; return its over-approximation error [m].
 
-    `own` holds the numbers of these points.
+    Its centre is written in `center`; `own` holds the numbers of the points.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for i in own:
@@ -184,7 +184,7 @@ def _sphere(points, own, directions, detail, effort, center):
 
 @kernel
 def _halved(points, order, first, last):
-    """Sort some points by the two halves of their box, and return where the second half begins."""
+    """Sort points by halves of their box; return the second's start."""
     axis, low, longest = 0, 0.0, -1.0
     for column in range(3):
         least, most = np.inf, -np.inf

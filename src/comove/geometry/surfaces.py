@@ -1,9 +1,9 @@
-"""Surfaces of mesh obstacles, which nothing may touch: distances of convex bodies from triangles, in numba kernels.
+"""Surfaces of mesh obstacles, and distances of convex bodies from them.
 
-An obstacle that is a mesh is represented by its triangles. A body that begins outside and never comes near a triangle
-never gets inside, whether the triangles are closed or not, turned alike or not, repeated, or crossing each other. So
-a proof needs no inside except once, at the start, and a search needs none; where triangles close
-(`comove.geometry.topology`), a ray decides whether a point is inside.
+A mesh obstacle is represented by its triangles. A body that starts outside cannot enter without crossing a triangle,
+whether the triangles are closed or not, turned alike or not, repeated, or crossing each other. So a proof needs an
+inside only once, at the start, and a search needs none; where triangles close (`comove.geometry.topology`), a ray
+decides whether a point is inside.
 
 A body is convex: the hull of points, thickened by a radius. Along a unit vector n that points from the body to a
 triangle the two leave a gap, ``min n x of the triangle - max n x of the body``. No gap is wider than their distance,
@@ -43,9 +43,7 @@ AXES = _axes()  # two across the ray and one along it, as rows
 
 
 class Surfaces(NamedTuple):
-    """The meshes among the obstacles of a scene, each stored in a tree of boxes.
-
-    The left child of a box is the next box.
+    """The meshes among a scene's obstacles, each in a tree of boxes. The left child of a box is the next box.
 
     Attributes
     ----------
@@ -81,7 +79,7 @@ class Surfaces(NamedTuple):
         return self.triangles[first : first + self.count[self.root[mesh]]]
 
     def among(self, kept: Integers, rows: NDArray[np.bool_]) -> Surfaces:
-        """Return the meshes of some obstacles, numbered as they are where no others are left.
+        """Return the meshes of some obstacles, renumbered.
 
         Parameters
         ----------
@@ -101,7 +99,7 @@ class Surfaces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The triangles of a mesh, sorted by the solids and sheets that they form.
+    """The triangles of a mesh, sorted into solids and sheets.
 
     Attributes
     ----------
@@ -118,7 +116,7 @@ class Parts:
 
 
 class Placed(NamedTuple):
-    """A mesh among the obstacles, which holds its parts and their place.
+    """A mesh among the obstacles: its parts and pose.
 
     Attributes
     ----------
@@ -240,10 +238,10 @@ def _built(triangles):
 
 @kernel
 def signed_distance(surfaces, mesh, points, cutoff):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh at 0 s, `cutoff` if that is less.
+    """Return a hull's signed distance [m] from a mesh at 0 s.
 
-    It is negative where the hull cuts the triangles or lies inside a solid that they close: minus the depth of the
-    deepest of the points.
+    The hull is that of points (n, 3); the distance is `cutoff` at most. It is negative where the hull cuts the
+    triangles or lies inside a solid that they close: minus the depth of the deepest of the points.
     """
     distance = surface_distance(surfaces, mesh, points, max(cutoff, 0.0))
     if not surfaces.closed[mesh]:
@@ -258,9 +256,9 @@ def signed_distance(surfaces, mesh, points, cutoff):
 
 @kernel
 def point_distances(surfaces, mesh, points, cutoff, depths):
-    """Return the distances [m] of points (n, 3) from a mesh at 0 s, `cutoff` if that is less.
+    """Return points' (n, 3) distances [m] from a mesh at 0 s.
 
-    Inside a solid they are 0, or with `depths` negative.
+    They are `cutoff` at most. Inside a solid they are 0, or with `depths` negative.
     """
     found, point = np.zeros(points.shape[0]), np.empty((1, 3))
     for i in range(points.shape[0]):
@@ -274,9 +272,7 @@ def point_distances(surfaces, mesh, points, cutoff, depths):
 
 @kernel
 def holds(surfaces, mesh, x, y, z):
-    """Return whether a point is inside a solid that triangles of a mesh close.
-
-    For a point on the surface the answer may be either.
+    """Return whether a point is inside a solid of a mesh. For a point on the surface the result is undefined.
 
     A ray counts the triangles that it crosses, +1 or -1 by their side.
     """
@@ -322,7 +318,7 @@ def holds(surfaces, mesh, x, y, z):
 
 @kernel
 def side_of(p, q, u, v):
-    """Return on which side of the edge p-q a ray passes, as a signed number.
+    """Return the side of edge p-q on which a ray passes, signed.
 
     Both triangles that share the edge get the same number, to the last digit.
     """
@@ -333,19 +329,21 @@ def side_of(p, q, u, v):
 
 @kernel
 def surface_distance(surfaces, mesh, points, cutoff):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is
-    less.
+    """Return a hull's distance [m] from a mesh's triangles at 0 s.
+
+    The hull is that of points (n, 3); the distance is `cutoff` at most.
     """
     return max(near_on_surface(surfaces, mesh, points, cutoff, 0.0, np.empty(3), np.empty(3)), 0.0)
 
 
 @kernel
 def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is less.
+    """Compute a hull's distance [m] from a mesh's triangles at 0 s.
 
-    The nearest point of the hull is written in `near` and the unit vector from the mesh to it in `way`; both are left
-    unchanged where nothing is nearer than `cutoff`. Where the hull cuts a triangle the distance is negative: about
-    how far the hull would have to be moved. The search ends where the distance is `enough` or less.
+    The hull is that of points (n, 3), and the distance is `cutoff` at most. The nearest point of the hull is written
+    in `near` and the unit vector from the mesh to it in `way`; both are left unchanged where nothing is nearer than
+    `cutoff`. Where the hull cuts a triangle the distance is negative: about how far the hull would have to be moved.
+    The search ends where the distance is `enough` or less.
     """
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
@@ -380,7 +378,7 @@ def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
 
 @kernel
 def box_distance(surfaces, box, low, high):
-    """Return the distance [m] of a box of a tree from the box with the corners `low` and `high`."""
+    """Return a tree box's distance [m] from the box `low` to `high`."""
     square = 0.0
     for axis in range(3):
         beyond = max(surfaces.lower[box, axis] - high[axis], low[axis] - surfaces.upper[box, axis])
@@ -391,7 +389,7 @@ def box_distance(surfaces, box, low, high):
 
 @kernel
 def box_gap(surfaces, box, points, others, normal):
-    """Return the gap [m] along `normal` between the hull of two sets of points, (n, 3) each, and a box of a tree."""
+    """Return the gap [m] along `normal` between points and a tree box. Both sets of points, (n, 3), count."""
     least, most = 0.0, -np.inf
     for axis in range(3):
         least += min(normal[axis] * surfaces.lower[box, axis], normal[axis] * surfaces.upper[box, axis])
@@ -403,9 +401,9 @@ def box_gap(surfaces, box, points, others, normal):
 
 @kernel
 def triangle_gap(triangle, points, normal):
-    """Return the gap [m] along the unit vector `normal` between the hull of points (n, 3) and a triangle.
+    """Return the gap [m] along `normal` between a hull and a triangle.
 
-    The vector points from the hull to the triangle.
+    The hull is that of points (n, 3). The unit vector points from the hull to the triangle.
     """
     least, most = np.inf, -np.inf
     for i in range(3):
@@ -419,11 +417,12 @@ def triangle_gap(triangle, points, normal):
 
 @kernel
 def nearest(triangle, points, normal, scratch):
-    """Return the widest gap found [m] and the distance [m] between the hull of points (n, 3) and a triangle.
+    """Return widest gap and distance [m] of a hull and a triangle.
 
-    `normal` holds the direction that is tried first; the direction of the widest gap is written in it. The nearest
-    point of the hull, or its deepest corner, is written in the first row of ``scratch[2]``. Where the two overlap the
-    distance is 0 and the gap negative: about how far the body would have to be moved.
+    The hull is that of points (n, 3). `normal` holds the direction that is tried first; the direction of the widest
+    gap is written in it. The nearest point of the hull, or its deepest corner, is written in the first row of
+    ``scratch[2]``. Where the two overlap the distance is 0 and the gap negative: about how far the body would have to
+    be moved.
 
     Parameters
     ----------
@@ -488,11 +487,10 @@ def nearest(triangle, points, normal, scratch):
 
 @kernel
 def _deepest(triangle, points, wide, normal):
-    """Return the widest of the gaps, 0 or less, of a body and a triangle that overlap.
+    """Return the widest of the gaps of an overlapping body and triangle.
 
-    Its direction is written in `normal`.
-
-    The directions tried are `normal` and both normals of the triangle.
+    It is 0 or less; its direction is written in `normal`. The directions tried are `normal` and both normals of the
+    triangle.
     """
     a, b, c = triangle[0], triangle[1], triangle[2]
     x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])

@@ -1,7 +1,7 @@
 """The parts of a mesh: solids, where its triangles close, and sheets, where they do not.
 
 Vertices at one place are merged, and so are triangles of the same vertices. Triangles that have an edge which no
-other triangle shares are removed, again and again: this removes a fin, and all of an open box. What is left of a
+other triangle shares are removed, again and again: this removes a fin, and all of an open box. The remainder of a
 connected part is a solid if all its edges are shared by two triangles, or are traversed equally often in both
 directions. Where neither holds, triangles that occur equally often in both orientations, such as a wall between two
 solids, are examined apart from the rest.
@@ -45,7 +45,7 @@ def solids_and_sheets(vertices: Array, faces: Integers) -> Parts:
 
 
 def _apart(lines: Integers, faces: Integers) -> Integers:
-    """Return the degenerate triangles that are neither an edge nor a vertex of other triangles."""
+    """Return the degenerate triangles that no other triangle contains."""
     pairs = faces[:, [(0, 1), (1, 2), (2, 0), (0, 0), (1, 1), (2, 2)]].reshape(-1, 2)
     n = 1 + max(int(lines.max(initial=0)), int(faces.max(initial=0)))
     known = pairs.min(axis=1) * n + pairs.max(axis=1)
@@ -53,7 +53,7 @@ def _apart(lines: Integers, faces: Integers) -> Integers:
 
 
 def _closed_ones(vertices: Array, faces: Integers) -> tuple[list[Integers], list[Integers]]:
-    """Return the solids that triangles form, each turned all outwards or all inwards, and the remaining triangles."""
+    """Return the solids of triangles, consistently oriented, and the remaining triangles."""
     shared = _without_rims(faces)
     solids, sheets = [], [] if shared.all() else [faces[~shared]]
     core = faces[shared]
@@ -68,7 +68,7 @@ def _closed_ones(vertices: Array, faces: Integers) -> tuple[list[Integers], list
 
 
 def _without_rims(faces: Integers) -> NDArray[np.bool_]:
-    """Return which triangles remain when those with an edge that no other shares are removed, again and again."""
+    """Return which triangles remain when those with unshared edges are removed repeatedly."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, side = np.unique(edges, axis=0, return_inverse=True)
     side = side.reshape(3, -1).T  # of every triangle, by number
@@ -89,7 +89,7 @@ def _without_rims(faces: Integers) -> NDArray[np.bool_]:
 
 
 def welded(vertices: Array, faces: Integers) -> tuple[Array, Integers, float]:
-    """Return the triangles with vertices at one place merged and unused ones removed.
+    """Return triangles without unused vertices, and equal vertices merged.
 
     The last result is how far vertices moved [m].
     """
@@ -105,7 +105,7 @@ def welded(vertices: Array, faces: Integers) -> tuple[Array, Integers, float]:
 
 
 def _by_turns(faces: Integers) -> tuple[Integers, NDArray[np.bool_]]:
-    """Return every triangle once, in the orientation of most of its copies, and which occur equally often in both."""
+    """Return every triangle once, in its main orientation, and those without one."""
     order = np.argsort(faces, axis=1)
     _, first, which = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True)
     # A permutation of three numbers is even if it is one of the turns.
@@ -140,7 +140,7 @@ def is_closed(faces: Integers) -> bool:
 
 
 def _turned_alike(faces: Integers) -> Integers | None:
-    """Return the faces of one part turned so that neighbours agree; None where this does not close them."""
+    """Return a part's faces in consistent orientation, None if not closed."""
     faces = faces.copy()
     neighbours: dict[frozenset[int], list[int]] = {}
     for k, face in enumerate(faces.tolist()):
@@ -171,7 +171,7 @@ def _turned_alike(faces: Integers) -> Integers | None:
 
 
 def volume_of(corners: Array) -> float:
-    """Return the volume enclosed by triangles (n_triangles, 3, 3) [m^3]; negative where they are turned inwards."""
+    """Return the volume of triangles (n_triangles, 3, 3) [m^3]. It is negative where they are turned inwards."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return float((a * np.cross(b, c)).sum()) / 6
 

@@ -1,4 +1,4 @@
-"""The model: scenes with payload, grasps, obstacles and constraints, and the motions in which all of these hold."""
+"""The model: scenes with payload, grasps, obstacles, constraints, and coordinated motions."""
 
 from typing import TYPE_CHECKING
 

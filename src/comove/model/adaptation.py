@@ -1,4 +1,4 @@
-"""Demonstrated movements of a hand or of the load, adapted to the hands of a scene."""
+"""Demonstrated movements, adapted to a scene's end effectors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from comove.model.scene import Scene
 
 
 def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
-    """Return a movement, or one for each manipulator, modulated to the hands' ends.
+    """Return movements adapted to the start and goal of end effectors.
 
     Parameters
     ----------
@@ -50,10 +50,10 @@ def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
 
 
 def covariance_of_hands(promp: ProMP, scene: Scene, s: Array) -> Array:
-    """Return the covariance of the hands' positions, of the movements that lead from the scene's start to its goal.
+    """Return the covariance of the end effectors' positions.
 
-    Covariances turn and scale with the movements, by the matrices of `modulate`. Hands that share one movement
-    vary each for itself; hands that were recorded together, together.
+    The movements lead from the scene's start to its goal. Covariances turn and scale with them, by the matrices of
+    `modulate`. End effectors that share one movement vary independently; those recorded together vary together.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def covariance_of_hands(promp: ProMP, scene: Scene, s: Array) -> Array:
 
 
 def movements_of_hands(promp: ProMP, scene: Scene) -> tuple[DMP, ...]:
-    """Return the mean movement of every hand of a scene, in their order.
+    """Return the mean movement of every end effector, in order.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def movements_of_hands(promp: ProMP, scene: Scene) -> tuple[DMP, ...]:
 
 
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
-    """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
+    """Adapt a movement to another start and goal by a similarity.
 
     The similarity is a rotation and a scale. The nearer a movement's own ends are, as a share of its extent, the less
     it is scaled and turned (`comove.dmp.variants`); where they nearly coincide, it is only shifted. The result
@@ -150,7 +150,7 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
 
 
 def adapting(dmp: DMP, displacement: Array) -> Array:
-    """Return the matrix by which `modulate` scales and turns a movement; array, shape (n_dims, n_dims).
+    """Return the matrix of `modulate`; array, shape (n_dims, n_dims).
 
     Parameters
     ----------
@@ -160,12 +160,12 @@ def adapting(dmp: DMP, displacement: Array) -> Array:
 
 
 def magnification(dmp: DMP, start: Array, goal: Array, of: str) -> tuple[float, str]:
-    """Return the scale by which a movement is magnified, and a sentence if it is above `LARGE`.
+    """Return a movement's magnification, and a sentence if above `LARGE`.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_dims,), ends to which it is adapted [m]
-    of : what moves, in words
+    of : name of the movement
     """
     factor = float(np.linalg.norm(adapting(dmp, goal - start), 2))
     if factor <= LARGE:
@@ -180,27 +180,27 @@ def magnification(dmp: DMP, start: Array, goal: Array, of: str) -> tuple[float, 
 
 
 def rounded_up(value: Array | float) -> Array:
-    """Return numbers rounded upwards to the third digit of the greatest of them."""
+    """Return numbers rounded up to three digits of the greatest."""
     unit = 10.0 ** (np.floor(np.log10(max(np.abs(value).max(), 1e-12))) - 2)
     return np.asarray(np.round(np.ceil(np.asarray(value) / unit) * unit, 12), dtype=np.float64)
 
 
 def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: int = 50) -> tuple[DMP, ...]:
-    """Return the movements of all hands that carry the load as demonstrated, from the scene's start to its goal.
+    """Return the end effectors' movements with the payload moving as demonstrated.
 
-    The path is carried to the load's start and goal as that of a single hand is (`modulate`; paper, III-B), and the
-    axes of rotation turn with it; then the rotation is adapted to the load's own start and goal. Rotations that the
-    load cannot perform, such as tilting where it stays upright, are left out.
+    The path is adapted to the payload's start and goal as that of a single end effector is (`modulate`; paper,
+    III-B), and the axes of rotation turn with it; then the rotation is adapted to the payload's own start and goal.
+    Rotations that the payload cannot perform, such as tilting where it stays upright, are left out.
 
     Parameters
     ----------
-    dmp : poses of the load; of the orientations, only the rotation since the start matters
-    n_steps, n_basis : samples between, and least basis functions of the hands' movements
+    dmp : poses of the payload; of the orientations, only the rotation since the start matters
+    n_steps, n_basis : samples between, and least basis functions of the end effectors' movements
 
     Raises
     ------
     OptionError
-        If a single body is not all that moves, or the movement has another dimension.
+        If more than a single body moves, or the movement has another dimension.
 
     Warns
     -----
@@ -247,15 +247,15 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: i
 
 
 def _turned_with_path(dmp: DMP, displacement: Array, reach: float) -> Array:
-    """Return the rotation by which the axes of rotation turn with a path; array, shape (3, 3).
+    """Return the rotation of a path's rotation axes; array, shape (3, 3).
 
-    It leads from the path's own direction to that of the adapted path, less so where the displacement is small beside
-    the load, and its direction that of noise.
+    It leads from the path's own direction to that of the adapted path, less so where the displacement is small
+    relative to the payload, as its direction is then noise.
 
     Parameters
     ----------
     displacement : array, shape (3,), from the new start to the new goal [m]
-    reach : greatest distance of a hand from the centre of the load [m]
+    reach : greatest distance of an end effector from the centre of the payload [m]
     """
     own, target = dmp.goal - dmp.start, displacement
     if scaled_share(own, dmp.extent) < 1.0:
@@ -271,7 +271,7 @@ def _turned_with_path(dmp: DMP, displacement: Array, reach: float) -> Array:
 
 
 def _turned(group: RigidGroup) -> Array:
-    """Return the rotation of a group from start to goal, as small as its hands allow; array, shape (3, 3)."""
+    """Return a group's smallest rotation from start to goal, shape (3, 3)."""
     if group.orientation == "axis":
         return similarity(group.start.rotation[:, 0], group.goal.rotation[:, 0])
     return group.goal.rotation @ group.start.rotation.T

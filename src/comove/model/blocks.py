@@ -1,4 +1,4 @@
-"""The blocks of the coordinates, one a rigid group: where its points are and how they move, given columns of q."""
+"""The blocks of the coordinates, one per rigid group: positions and velocities."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ POINT, ANGLE, DIRECTION, QUATERNION = range(4)
 
 
 class Blocks(NamedTuple):
-    """The blocks of the coordinates as arrays, the form that kernels take.
+    """The blocks of the coordinates as arrays for kernels.
 
     Attributes
     ----------
@@ -27,8 +27,8 @@ class Blocks(NamedTuple):
     node : array of int, shape (n_nodes,), number of the node that an entry describes
     point : array, shape (n_nodes, 3), position of this node about the group's centre, unturned [m]
     n_dims : 2 or 3
-    mask, held : arrays, shapes (n_columns, n_columns) and (n_columns,): ``mask @ q + held`` is a configuration in
-        which bodies keep what they have to; where all columns are free, mask has the shape (0, 0) and held is 0
+    mask, held : arrays, shapes (n_columns, n_columns) and (n_columns,): ``mask @ q + held`` is a configuration that
+        satisfies the masks of the bodies; where all columns are free, mask has the shape (0, 0) and held is 0
     up, level, tilt : arrays, shapes (n_blocks, 3), (n_blocks, 4) and (n_blocks,): unit vector in the group's frame
         that stays near the vertical, a quaternion that makes it vertical, and the angle that they may enclose [rad];
         pi for any
@@ -49,7 +49,7 @@ class Blocks(NamedTuple):
 
 
 class Unmasked(NamedTuple):
-    """The last fields of `Blocks`, of which all columns are free; shapes as there."""
+    """The last fields of `Blocks` where all columns are free. Shapes are as there."""
 
     mask: Array
     held: Array
@@ -59,7 +59,7 @@ class Unmasked(NamedTuple):
 
     @classmethod
     def of(cls, n_columns: int, n_blocks: int) -> Unmasked:
-        """Return these fields."""
+        """Return these fields for numbers of columns and blocks."""
         level = np.tile([1.0, 0.0, 0.0, 0.0], (n_blocks, 1))
         up = np.zeros((n_blocks, 3))
         return cls(np.zeros((0, 0)), np.zeros(n_columns), up, level, np.full(n_blocks, np.pi))
@@ -88,7 +88,7 @@ def width_of(kind: int, n_dims: int) -> int:
 
 
 def columns_of(center: Integers, turn: int, width: int) -> slice | Integers:
-    """Return the columns of one block, as a slice where they are contiguous."""
+    """Return the columns of a block, as a slice if contiguous."""
     columns = np.append(center, np.arange(turn, turn + width))
     neighbours = (np.diff(columns) == 1).all()
     return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
@@ -96,9 +96,10 @@ def columns_of(center: Integers, turn: int, width: int) -> slice | Integers:
 
 @kernel
 def keep_mask(blocks: Blocks, q: Array) -> None:
-    """Move a configuration, in place, to the nearest one that keeps mask and unit quaternions.
+    """Move a configuration, in place, onto masks and unit quaternions.
 
-    Columns beyond those of the blocks, such as joints or a time, stay as they are; so does how far bodies lean.
+    The nearest one is chosen. Columns beyond those of the blocks, such as joints or a time, stay as they are; so does
+    how far bodies lean.
 
     Parameters
     ----------
@@ -122,13 +123,13 @@ def keep_mask(blocks: Blocks, q: Array) -> None:
 
 @kernel
 def lean(blocks: Blocks, b: int, q: Array, up: Array) -> float:
-    """Return the angle between a block's `up` and the vertical [rad], and write `up` in the world.
+    """Return a block's angle between `up` and vertical [rad]; write `up`.
 
     Parameters
     ----------
     b : number of a block whose kind is QUATERNION
     q : array, shape (n_columns or more,), a quaternion of any length
-    up : result, array, shape (3,), unit vector
+    up : result, array, shape (3,), unit vector in the world
     """
     o = blocks.turn[b]
     w, x, y, z = q[o], q[o + 1], q[o + 2], q[o + 3]
@@ -143,9 +144,7 @@ def lean(blocks: Blocks, b: int, q: Array, up: Array) -> float:
 
 @kernel
 def place(blocks: Blocks, q: Array, size: float) -> Array:
-    """Return the nodes of many rollouts.
-
-    Array, shape (n_rollouts, n_steps, n_nodes, 3) [m].
+    """Return the nodes of many rollouts. Array, shape (n_rollouts, n_steps, n_nodes, 3) [m].
 
     Parameters
     ----------
@@ -205,7 +204,7 @@ def place_one(blocks: Blocks, q: Array, size: float, nodes: Array) -> None:
 
 
 def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
-    """Return the block of q that describes a pose of aligned points; array, shape (n_block_columns,)."""
+    """Return a pose's block of q; array, shape (n_block_columns,)."""
     center, rotation = pose.center[:n_dims], pose.rotation
     if kind == POINT:
         return center.copy()
@@ -218,7 +217,7 @@ def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
 
 
 def write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
-    """Return the rate of change of a block of q with a twist; array, shape (n_block_columns,).
+    """Return a block's rate of change; array, shape (n_block_columns,).
 
     Parameters
     ----------
@@ -236,7 +235,7 @@ def write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
 
 
 def turned(kind: int, part: Array, points: Array) -> Array:
-    """Return rotated points and their first two derivatives; array, shape (3, n_steps, n_points, 3) [m].
+    """Return rotated points and two derivatives; array, shape (3, n_steps, n_points, 3) [m].
 
     Parameters
     ----------
@@ -274,7 +273,7 @@ def turned(kind: int, part: Array, points: Array) -> Array:
 
 
 def unit_motion(part: Array) -> Array:
-    """Return v/|v| and its two derivatives from v and its two derivatives; arrays, shape (3, n_steps, width)."""
+    """Return v/|v| and two derivatives from those of v; arrays, shape (3, n_steps, width)."""
     length = np.linalg.norm(part[0], axis=-1, keepdims=True)
     u = part[0] / length
     grow = (u * part[1]).sum(axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Grasps that parallel grippers may take: antipodal on boxes, cylinders and bars, sampled on meshes.
+"""Candidate grasps of parallel grippers: antipodal on simple shapes, sampled on meshes.
 
 Fingers close on two opposite sides that are at most `OPENING` apart. The grasp frame (z the approach, fingers close
 along y) is `DEPTH` below a flat surface at most, and on the axis of a round body. Reach is not checked here.
@@ -32,14 +32,14 @@ OPPOSITE = 0.94
 
 
 class Held(NamedTuple):
-    """A grasp: position [m] and orientation (w, x, y, z) of its frame in the payload's."""
+    """A grasp: its frame's position [m] and orientation (w, x, y, z). The parent is the payload's frame."""
 
     position: tuple[float, ...]
     quaternion: tuple[float, ...]
 
 
 class GraspableShape(NamedTuple):
-    """A box, or a cylinder about its third axis, of full `size` [m] that is turned and placed in the payload."""
+    """A box, or a cylinder about z, of full `size` [m]. It has a pose in the payload's frame."""
 
     size: tuple[float, float, float]
     is_round: bool
@@ -48,12 +48,12 @@ class GraspableShape(NamedTuple):
 
 
 def on_pieces(pieces: Sequence[GraspableShape], n_arms: int, up: Array, most: int) -> list[tuple[Held, ...]]:
-    """Return sets of grasps of `n_arms` on one of the pieces, first those that approach from above at the start.
+    """Return sets of `n_arms` grasps on one piece, from above first.
 
     Parameters
     ----------
     up : array, shape (3,), the vertical at the start in the payload's frame
-    most : number of sets that are returned at most
+    most : largest number of sets
     """
     found = [
         (
@@ -69,7 +69,7 @@ def on_pieces(pieces: Sequence[GraspableShape], n_arms: int, up: Array, most: in
 def _ranked(
     found: list[tuple[tuple[Array, ...], tuple[Array, ...]]], up: Array, most: int
 ) -> list[tuple[Held, ...]]:
-    """Return the sets of grasps with all assignments of arms and both turns of the fingers, best first."""
+    """Return sets of grasps, best first, by arm and finger turn."""
     from_above = [-sum(float(up @ r[:, 2]) for r in rotations) for _, rotations in found]
     flip, sets = np.diag([-1.0, -1.0, 1.0]), list[tuple[Held, ...]]()
     for k in np.argsort(-np.round(from_above, 9), kind="stable"):
@@ -91,7 +91,7 @@ def _frame(approach: Array, closing: Array) -> Array:
 
 
 def _along(length: float, n_arms: int) -> Array | None:
-    """Return where along a side arms hold it; None where there is no room for all of them."""
+    """Return where arms hold a side, None without room for all."""
     if n_arms == 1:
         return np.zeros(1)
     half = length / 2 - min(INSET, length / 4)
@@ -99,7 +99,7 @@ def _along(length: float, n_arms: int) -> Array | None:
 
 
 def _flat(piece: GraspableShape, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
-    """Yield grasps on opposite faces of a box, from its other sides and from its two ends."""
+    """Yield grasps on opposite faces of a box, from all sides."""
     size, axes = np.array(piece.size), np.eye(3)
     for c in np.flatnonzero(size <= OPENING):
         for a in (k for k in range(3) if k != c):
@@ -113,7 +113,7 @@ def _flat(piece: GraspableShape, n_arms: int) -> Iterator[list[tuple[Array, Arra
 
 
 def _round(piece: GraspableShape, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
-    """Yield grasps across a cylinder, approached from all sides, and on its flat ends where it is a disc."""
+    """Yield grasps across a cylinder, and on a disc's flat ends."""
     diameter, height, z = piece.size[0], piece.size[2], np.eye(3)[2]
     around = [rotation_in_plane(2 * np.pi * k / N_ROUND)[:, 0] for k in range(N_ROUND)]
     along, inside = _along(height, n_arms), diameter / 2 - min(diameter / 2, DEPTH)
@@ -127,7 +127,7 @@ def _round(piece: GraspableShape, n_arms: int) -> Iterator[list[tuple[Array, Arr
 
 
 def on_mesh(triangles: Array, n_arms: int, up: Array, most: int) -> list[tuple[Held, ...]]:
-    """Return sets of grasps on opposite sides of a mesh, sampled on its surface.
+    """Return sets of grasps on opposite sides of a mesh. They are sampled on its surface.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def on_mesh(triangles: Array, n_arms: int, up: Array, most: int) -> list[tuple[H
 
 
 def _hits(triangles: Array, points: Array, ways: Array) -> tuple[Integers, Array]:
-    """Return the first triangle that each ray meets, and how far away; infinite where it meets none.
+    """Return the first triangle of each ray, and its distance. The distance is infinite where there is none.
 
     The method is that of Möller and Trumbore (1997).
     """
@@ -187,7 +187,7 @@ def _hits(triangles: Array, points: Array, ways: Array) -> tuple[Integers, Array
 def _spread(
     singles: list[tuple[Array, Array]], n_arms: int, most: int
 ) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
-    """Return sets of grasps that are far apart and approach from about the same side."""
+    """Return sets of grasps far apart, from about the same side."""
     if n_arms == 1 or not singles:
         return [((p,), (r,)) for p, r in singles[:most]]
     positions = np.array([p for p, _ in singles])

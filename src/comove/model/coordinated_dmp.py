@@ -19,7 +19,7 @@ from comove.model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class CoordinatedDMP:
-    """A primitive of several manipulators that share one canonical system (the paper's joint DMP).
+    """A primitive of several manipulators on one canonical system. The paper calls it a joint DMP.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class CoordinatedDMP:
     def from_demonstration(
         cls, dmp: DMP | Sequence[DMP], scene: Scene, coordinates: Coordinates, basis: MotionBasis
     ) -> CoordinatedDMP:
-        """Build the primitive from a movement of one manipulator, modulated to every manipulator's start and goal.
+        """Build the primitive from a movement, adapted to every manipulator.
 
-        The modulation is that of the paper, III-B.
+        The adaptation is that of the paper, III-B.
 
         Parameters
         ----------
@@ -79,12 +79,12 @@ class CoordinatedDMP:
         return replace(self, boundary=boundary, weights=weights)
 
     def rollout(self, weights: Array | None = None) -> CoordinatedMotion:
-        """Return the movement with these shape weights, array of shape (n_columns, n_basis); by default its own."""
+        """Return the movement with given shape weights, or its own. `weights` has shape (n_columns, n_basis)."""
         weights = self.weights if weights is None else np.asarray(weights, dtype=float)
         return CoordinatedMotion(self.scene, self.coordinates, self.basis, self.boundary, weights)
 
     def rollouts(self, weights: Array, n_steps: int = 201) -> Array:
-        """Return the configurations of a whole population, by one matrix product.
+        """Return the configurations of a population by one matrix product.
 
         Parameters
         ----------

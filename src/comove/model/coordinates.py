@@ -1,22 +1,22 @@
-"""Coordinates in which a coordinated movement is a plain DMP and its rigid constraints hold by construction.
+"""Coordinates in which rigid constraints hold by construction.
 
 The configuration q of a scene is the concatenation of one block per rigid group:
 
 ============ ============================== ====================================================
 block        q                              position of a point r of the group
 ============ ============================== ====================================================
-point        c (D)                          c + r: a hand, or a load that does not turn at all
+point        c (D)                          c + r: an end effector, or a payload that does not turn
 angle        c (D), theta                   c + R(theta) r, in space a turn about the vertical
 direction    c (D), v (D)                   c + R(v/|v|) r, in space only for r along the axis
 quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
 ============ ============================== ====================================================
 
-A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact.
-Hands that must be at one height share the column of their heights, as do free hands that keep a load level.
-The projection of two free hands onto their distance constraint (middle -/+ half the distance along the unit
+A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact. End
+effectors that must be at one height share the column of their heights, as do free ones that keep a payload level. The
+projection of two free end effectors onto their distance constraint (middle -/+ half the distance along the unit
 vector between them) is equal to direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
-`projected_coordinates` holds that linear map. `arms_coordinates` describe every hand independently, as the paper
-does: one point block per hand, in which only the search keeps the constraints.
+`projected_coordinates` holds that linear map. `arms_coordinates` describe every end effector independently, as the
+paper does: one point block per end effector, in which only the search keeps the constraints.
 """
 
 from __future__ import annotations
@@ -76,20 +76,20 @@ Kind = Literal["load", "projected", "arms"]
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """The coordinates that describe configurations of a scene as vectors q.
+    """The coordinates of a scene's configurations, vectors q.
 
     Attributes
     ----------
-    kind : "load" (angle, direction or quaternion about the load's centre), "projected" (free hands,
-        projected onto the constraints) or "arms" (free hands)
+    kind : "load" (angle, direction or quaternion about the payload's centre), "projected" (free end effectors,
+        projected onto the constraints) or "arms" (free end effectors)
     blocks : the blocks as arrays
     groups : the rigid groups that the blocks describe
     n_columns : length of q
     search : array, shape (n_columns, n_search), linear map from the variables of a search to q: a scale for each
-        column, or the map from free hands for "projected"
-    together : groups of free hands that carry one load, contracted about their centre while it is small
+        column, or the map from free end effectors for "projected"
+    together : groups of free end effectors with one payload, contracted about their centre while it is small
     free : array, shape (n_columns, n_free), orthonormal directions in which q may differ from a configuration that
-        keeps what bodies have to keep; None for all
+        satisfies the masks of the bodies; None for all
     """
 
     kind: Kind
@@ -111,7 +111,7 @@ class Coordinates:
         Parameters
         ----------
         q : array, shape (n_rollouts, n_columns, n_steps)
-        size : factor on the size of the groups, 1 for the real load; smaller while the load grows
+        size : factor on the size of the groups, 1 for the real payload; smaller during payload-size continuation
 
         Returns
         -------
@@ -144,11 +144,10 @@ class Coordinates:
         return result
 
     def boundary(self, turn: int = 0) -> Array:
-        """Return start, start velocity, goal and goal velocity of q; array, shape (4, n_columns).
+        """Return start, start velocity, goal, goal velocity of q; shape (4, n_columns).
 
-        The goal velocity is 0.
-
-        `turn` selects another way to turn: additional whole turns for an angle, the other sign for a quaternion.
+        The goal velocity is 0. `turn` selects another rotation: additional whole turns for an angle, the other sign
+        for a quaternion.
         """
         values = np.zeros((4, self.n_columns))
         for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
@@ -162,7 +161,7 @@ class Coordinates:
         return values
 
     def from_hands(self, hands: Array) -> Array:
-        """Return the configurations nearest to given hands, continuous in time.
+        """Return the configurations nearest to end effectors, continuous in time.
 
         Parameters
         ----------
@@ -200,14 +199,14 @@ class Coordinates:
         return self.kept(q / shared)
 
     def kept(self, q: Array) -> Array:
-        """Return configurations moved onto the mask of the blocks; arrays, shape (n_steps, n_columns).
+        """Return configurations on the blocks' mask; arrays, shape (n_steps, n_columns).
 
-        Quaternions keep no unit length thereby, and how far bodies lean is not looked at.
+        Unit quaternions and bounds of the tilt are not kept thereby.
         """
         return q if self.free is None else q @ self.blocks.mask + self.blocks.held
 
     def centers(self, q: Array) -> Array:
-        """Return the blocks' centres one after the other, with shared columns repeated.
+        """Return the blocks' centres in order, shared columns repeated.
 
         Parameters
         ----------
@@ -221,15 +220,12 @@ class Coordinates:
         return q if np.array_equal(columns, np.arange(self.n_columns)) else q[:, columns]
 
     def same_as(self, other: Coordinates) -> bool:
-        """Return whether both describe configurations of the same groups in the same way."""
+        """Return whether both describe the same groups in one way."""
         ours, theirs = self.blocks._asdict(), other.blocks._asdict()
         return all(np.array_equal(ours[name], theirs[name]) for name in ours)
 
     def from_load(self, q: Array, load: Coordinates) -> Array:
-        """Return configurations given in the scene's `load_coordinates`, rewritten in these.
-
-        Arrays, shape (..., n_columns).
-        """
+        """Return configurations in `load_coordinates` rewritten in these. Arrays, shape (..., n_columns)."""
         result = np.empty((*q.shape[:-1], self.n_columns))
         for own, theirs in zip(self.parts, load.parts, strict=True):
             part = q[..., theirs.columns]
@@ -255,7 +251,7 @@ class Coordinates:
 
 @lru_cache(maxsize=8)  # a search asks for them everywhere
 def load_coordinates(scene: Scene) -> Coordinates:
-    """Return coordinates about the load's centre: the fewest that describe the scene."""
+    """Return the fewest coordinates, about the payload's centre."""
     return _load_coordinates(scene)
 
 
@@ -264,13 +260,13 @@ def _load_coordinates(scene: Scene) -> Coordinates:
 
 
 def projected_coordinates(scene: Scene) -> Coordinates:
-    """Return coordinates of free hands, projected onto the constraints.
+    """Return coordinates of free end effectors, projected onto the constraints.
 
     Raises
     ------
     OptionError
-        Where the projection is not driven by a linear map: in space with three hands or more on one load, with a
-        relative pose, and with a load that stays upright.
+        Where the projection is not driven by a linear map: in space with three end effectors or more on one payload,
+        with a relative pose, and with a payload that stays upright.
     """
     kinds = []
     for group in scene.groups:
@@ -305,13 +301,14 @@ def projected_coordinates(scene: Scene) -> Coordinates:
 
 
 def arms_coordinates(scene: Scene) -> Coordinates:
-    """Return coordinates that describe every hand independently, so that no constraint holds by construction.
+    """Return coordinates of independent end effectors. No constraint holds by construction.
 
     Raises
     ------
     OptionError
-        If the load has points besides the hands, which free hands do not determine; if it must stay upright in the
-        plane, or between hands at different heights; and if hands must keep their relative pose in space.
+        If the payload has points besides the end effectors, which free ones do not determine; if it must stay upright
+        in the plane, or between end effectors at different heights; and if these must keep their relative pose in
+        space.
     """
     unheld = next((c for c in scene.constraints if c.needs_body(scene.ends)), None)
     if unheld is not None:
@@ -342,12 +339,11 @@ COORDINATES: dict[Kind, Callable[[Scene], Coordinates]] = {
 
 
 def coordinates_for(scene: Scene, kind: Kind) -> Coordinates:
-    """Return the coordinates of a scene by their kind, built anew: those of a motion are verified by them."""
+    """Build the coordinates of a scene by kind, not cached. The verification of a motion relies on them."""
     return COORDINATES[kind](scene)
 
 
 def _pose_at(y: Array) -> GroupPose:
-    """Return the unturned pose at a point, array of shape (n_dims,) [m]."""
     return GroupPose(np.concatenate([y, np.zeros(3 - len(y))]), np.eye(3))
 
 
@@ -384,7 +380,7 @@ def _coordinates(
 
 
 def _masked(coordinates: Coordinates) -> Coordinates:
-    """Return coordinates whose bodies keep what their masks say."""
+    """Return coordinates with the masks of their bodies."""
     blocks = coordinates.blocks
     for b, group in enumerate(coordinates.groups):
         if group.mask.up is not None and blocks.kind[b] == QUATERNION:
@@ -415,10 +411,10 @@ def _masked(coordinates: Coordinates) -> Coordinates:
 
 
 def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
-    """Return quaternions (n, 4) that turn the x axis along `directions` (n, 3), with the least roll about it.
+    """Return quaternions (n, 4) along `directions` (n, 3) with least roll.
 
-    The roll begins at the quaternion `start`; the difference of the roll at the end from that of `goal` is spread
-    evenly.
+    They turn the x axis. The roll begins at the quaternion `start`; the difference of the roll at the end from that
+    of `goal` is spread evenly.
     """
     x, y, z = directions.T
     none = np.zeros_like(x)
@@ -432,14 +428,14 @@ def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
 
 
 def _placed(values: Array, at: Integers, n: int) -> Array:
-    """Return an array of shape (n,) with values at some places, and 0 elsewhere."""
+    """Return zeros (n,) with values at some places."""
     found = np.zeros(n)
     found[at] = values
     return found
 
 
 class HandPoses(NamedTuple):
-    """The poses of the rigid groups of a scene, in their order.
+    """The poses of a scene's rigid groups, in order.
 
     Attributes
     ----------
@@ -453,7 +449,7 @@ class HandPoses(NamedTuple):
 
 
 def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
-    """Return the poses of the groups in configurations of the scene's coordinates.
+    """Return the poses of the groups in configurations.
 
     Parameters
     ----------
@@ -466,7 +462,7 @@ def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
     Raises
     ------
     OptionError
-        If `q` is not a configuration in these coordinates, or they are those of free hands.
+        If `q` is not a configuration in these coordinates, or they are those of free end effectors.
     """
     q = numbers(q)
     if q.shape[-1:] != (coordinates.n_columns,) or not np.isfinite(q).all():
@@ -492,7 +488,7 @@ def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
 
 
 def _pointing(direction: Array) -> Array:
-    """Return the smallest rotations from the x axis to unit vectors, as quaternions; about z for the opposite one.
+    """Return the smallest rotations from x to unit vectors, as quaternions. For the opposite vector it is about z.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The demonstration that a scene names, in the scene's dimension: a recording, or a primitive of a library."""
+"""The demonstration that a scene names: a recording or a primitive."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LIBRARY = "library"
 
 
 def recording_of(scene: Scene) -> Demonstration | None:
-    """Read the recording that a scene names; return None where it names none, or a primitive.
+    """Read the recording that a scene names, or return None.
 
     Raises
     ------
@@ -38,10 +38,11 @@ def recording_of(scene: Scene) -> Demonstration | None:
 
 
 def demonstration_of(scene: Scene) -> DMP | PoseDMP | ProMP | tuple[DMP, ...] | None:
-    """Return the movement that a scene names: a primitive fitted to its recording, or read from a library.
+    """Return the movement that a scene names, or None.
 
-    Of a folder of recordings it is their distribution. There is one primitive for each manipulator where the
-    recording holds movements of all of them. Poses are those of the load. None where the scene names no movement.
+    It is a primitive fitted to its recording, or read from a library; of a folder of recordings it is their
+    distribution. There is one primitive for each manipulator where the recording holds movements of all of them.
+    Poses are those of the payload.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def demonstration_of(scene: Scene) -> DMP | PoseDMP | ProMP | tuple[DMP, ...] | 
 
 
 def _primitive_of(scene: Scene, source: DemonstrationSource) -> Primitive | None:
-    """Read the primitive that a scene names by its file; return None where it names a recording."""
+    """Read the primitive in a scene's file, or return None."""
     if source.file is None or not is_primitive(scene.folder / source.file):
         return None
     for key in ("manipulator", *source.reading):
@@ -84,7 +85,7 @@ def _primitive_of(scene: Scene, source: DemonstrationSource) -> Primitive | None
 def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
     """Return a primitive fitted to a recording.
 
-    It is a primitive of poses where the recording holds orientations and a single body turns with all hands.
+    It is a primitive of poses where the recording holds orientations and a single body turns with all end effectors.
     """
     if recording.is_joints:
         raise _of_joints("recording", recording.name, recording.unit, scene, "demonstration")
@@ -94,7 +95,7 @@ def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
 
 
 def require_dimension(n_dims: int, scene: Scene) -> None:
-    """Refuse a demonstration that has another number of dimensions than a scene."""
+    """Raise if a demonstration's dimension is not the scene's."""
     if n_dims != scene.n_dims:
         raise OptionError(
             f"the demonstration has {n_dims} dimensions, the scene {scene.n_dims}",
@@ -120,7 +121,7 @@ def _distribution(scene: Scene, source: DemonstrationSource, folder: str) -> Pro
 
 
 def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
-    """Read a recording in the scene's dimension; a planar one is laid into space by `source.plane`."""
+    """Read a recording in the scene's dimension. A planar one is placed in space by `source.plane`."""
     key = "demonstration.file" if source.file is not None else "demonstration.lasa"
     try:
         if source.file is not None:
@@ -133,7 +134,7 @@ def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
 
 
 def _unread(error: DemonstrationError | OptionError, scene: Scene, key: str) -> SceneError:
-    """Return the error about a recording that cannot be read, with the keys that settle it instead of a command."""
+    """Return the error about an unreadable recording, with keys as hints."""
     if isinstance(error, DemonstrationError) and error.options:
         keys = "; ".join(
             f"{option}: {_written(value)}" for option, value in error.options.items() if value is not None
@@ -149,7 +150,6 @@ def _unread(error: DemonstrationError | OptionError, scene: Scene, key: str) -> 
 
 
 def _written(value: object) -> str:
-    """Return a value as it is written in YAML."""
     if isinstance(value, bool):
         return str(value).lower()
     if value in (HZ, WHICH_UNIT):
@@ -158,7 +158,7 @@ def _written(value: object) -> str:
 
 
 def _in_scene(recording: Demonstration, scene: Scene, source: DemonstrationSource, key: str) -> Demonstration:
-    """Return a recording scaled, and laid into space, as the scene says."""
+    """Return a recording scaled and placed as the scene says."""
     if recording.is_joints:
         raise _of_joints("recording", recording.name, recording.unit, scene, key)
     position, axes = recording.position * (source.scale or 1.0), recording.axes
@@ -174,7 +174,7 @@ def _in_scene(recording: Demonstration, scene: Scene, source: DemonstrationSourc
 
 
 def _recordings_of_hands(scene: Scene, source: DemonstrationSource) -> tuple[Demonstration, ...] | None:
-    """Read the recordings of all hands, one each; return None where the file does not hold all of them."""
+    """Read a recording for each end effector, or return None."""
     if source.file is None or source.manipulator is not None or len(scene.manipulators) < 2:
         return None
     file = scene.folder / source.file
@@ -188,7 +188,7 @@ def _recordings_of_hands(scene: Scene, source: DemonstrationSource) -> tuple[Dem
 
 
 def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DMP | PoseDMP | ProMP:
-    """Read the primitive that a scene names: NAME in the folder `library`, or FOLDER/NAME.
+    """Read the primitive NAME in folder `library`, or FOLDER/NAME.
 
     Raises
     ------
@@ -226,14 +226,14 @@ def followed_in(
 ) -> DMP | PoseDMP | ProMP:
     """Return the movement of a primitive that a scene follows.
 
-    A primitive of poses is returned as such where a single body turns and it need not be scaled or laid into space;
+    A primitive of poses is returned as such where a single body turns and it needs no scaling or placing in space;
     otherwise its positions are returned.
 
     Parameters
     ----------
     scene, primitive : the scene, and the primitive that it follows
     key : place of the primitive's name, for messages
-    plane : plane of a spatial scene in which a planar primitive is laid
+    plane : plane of a spatial scene in which a planar primitive is placed
     factor : factor by which it is scaled about the origin
 
     Raises
@@ -269,7 +269,7 @@ def followed_in(
 
 
 def library_file(scene: Scene, library: str) -> Path:
-    """Return the file of the primitive that a scene names in a library."""
+    """Return the file of a primitive in a scene's library."""
     place = PurePosixPath(library)
     return scene.folder / _library_folder(place) / f"{place.name}{SUFFIX}"
 

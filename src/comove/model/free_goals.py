@@ -1,4 +1,4 @@
-"""Goals whose turn about one axis is open: which turns leave the payload free, and which are likely to cost least."""
+"""Goals with a free axis: turns with a clear payload, by expected cost."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class TurnSettings:
     ----------
     step : between the turns that are sampled [rad]; the best of them are refined
     apart : between further turns, which are tried where the best does not lead to a motion [rad]
-    most : turns that are tried at most
+    most : largest number of turns that are tried
     """
 
     step: float = np.deg2rad(5.0)
@@ -36,7 +36,7 @@ SETTINGS = TurnSettings()
 
 
 class FreeGoal:
-    """The payload of a scene at a goal that is free about an axis, for one way to hold it."""
+    """The payload at a goal free about an axis, with one grasp."""
 
     def __init__(self, scene: Scene, option: GraspOption):
         load = scene.file.load
@@ -56,14 +56,14 @@ class FreeGoal:
         self.begin = spatial(np.array(load.start.position)) + self.hands @ start.T
 
     def pose(self, angle: float) -> tuple[Array, Array]:
-        """Return position and orientation of the payload's frame, its goal turned by an angle [rad]."""
+        """Return the payload's position and orientation at a turn [rad]."""
         goal = turned_goal(self.option, angle).goal
         return spatial(np.array(goal.position)), matrices(np.array(goal.quaternion_wxyz))
 
     def is_clear(self, angle: float) -> bool:
-        """Return whether the payload and its end effectors are clear of what does not move.
+        """Return whether payload and end effectors are clear of static obstacles.
 
-        Supports count as far as the payload must not be in them; how it rests on them is judged where it is put down.
+        Supports count as far as the payload must not be in them; resting contacts are checked where it is put down.
         """
         position, turn = self.pose(angle)
         nodes = self.scene.nodes_at("goal").copy()
@@ -75,7 +75,7 @@ class FreeGoal:
         return all(self.scene.distance_from(i, nodes) >= -deep for i in self.supports)
 
     def cost(self, angle: float) -> float:
-        """Return the squared ways of the end effectors, and a little for the turn: the jerk of a straight motion."""
+        """Return the expected jerk: end effectors' squared displacements, and a little for the turn."""
         position, turn = self.pose(angle)
         away = position + self.hands @ turn.T - self.begin
         wrapped = angle - 2 * np.pi * np.round(angle / (2 * np.pi))
@@ -84,7 +84,7 @@ class FreeGoal:
     def turns(
         self, cost: Callable[[float], float] | None = None, how: TurnSettings = SETTINGS
     ) -> list[float]:
-        """Return the turns that are clear, the likeliest first: refined local minima of a cost, then others [rad].
+        """Return the clear turns [rad], likeliest first. They are refined local minima of a cost, then others.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class FreeGoal:
     def _refined(
         self, cost: Callable[[float], float], angle: float, value: float, step: float
     ) -> tuple[float, float]:
-        """Return the least cost within a step of a turn, where it is clear, and the turn [rad]."""
+        """Return the least cost near a turn, and its turn [rad]. Only clear turns count."""
         from scipy.optimize import minimize_scalar  # slow to import, and only free goals need it
 
         low = minimize_scalar(

@@ -1,17 +1,17 @@
-"""The orientations of hands that hold a load, from where they and the load's keypoints are.
+"""The orientations of end effectors that hold a payload.
 
-Of a load that turns about the vertical only, the heading psi is the direction, seen from above, from its second
-holder to its first. A hand's grasp frame (z the approach direction, fingers open along y) keeps its tilt and turns
-with the load:
+They follow from the positions of the end effectors and of the payload's keypoints. Of a payload that turns about the
+vertical only, the heading psi is the direction, seen from above, from its second holder to its first. A grasp frame
+(z the approach direction, fingers open along y) keeps its tilt and turns with the payload:
 
     R(psi) = Rz(psi + offset) R(0)
 
-A load that turns in any way is told by three keypoints of it, which are not on one line: x points from the first to
-the second, and z is normal to all three. A grasp frame is constant in that frame K:
+The orientation of a payload that turns in any way follows from three keypoints that are not on one line: x points
+from the first to the second, and z is normal to all three. A grasp frame is constant in that frame K:
 
     R = K R(0)
 
-Hands that hold a payload must also be near its surface.
+End effectors that hold a payload must also be near its surface.
 """
 
 from __future__ import annotations
@@ -62,16 +62,18 @@ upwards."""
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Holds how the hands are oriented while they carry the load.
+    """The orientations of end effectors that hold the payload.
 
     Attributes
     ----------
-    holders : numbers of the hands that hold the load; the heading points from the second to the first. A single
-        holder carries a load whose heading is always 0
-    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included;
-        in the frame of the keypoints where there are some
-    turning : array of bool, shape (n_manipulators,), True for hands that turn with the load; the others do not turn
-    keypoints : numbers of three nodes that tell how the load is turned; none where it turns about the vertical only
+    holders : numbers of the end effectors that hold the payload; the heading points from the second to the first.
+        With a single holder the heading is always 0
+    at_rest : array, shape (n_manipulators, 3, 3), every end effector's grasp frame at heading 0, offset included; in
+        the frame of the keypoints where there are some
+    turning : array of bool, shape (n_manipulators,), True for end effectors that turn with the payload; the others do
+        not turn
+    keypoints : numbers of three nodes that determine the payload's orientation; none where it turns about the
+        vertical only
     """
 
     holders: tuple[int, ...]
@@ -80,12 +82,12 @@ class Grasp:
     keypoints: tuple[int, ...] = ()
 
     def hand_rotations(self, nodes: Array) -> Array:
-        """Return the orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
+        """Return the orientations of the grasp frames; array, shape (..., n_manipulators, 3, 3).
 
         Parameters
         ----------
-        nodes : array, shape (..., n_nodes, 3), hands first, then the load's corners [m]; without keypoints, hands
-            suffice
+        nodes : array, shape (..., n_nodes, 3), end effectors first, then the payload's corners [m]; without
+            keypoints, end effectors suffice
         """
         if self.keypoints:
             frames = keypoint_frames(np.asarray(nodes)[..., list(self.keypoints), :])[..., None, :, :]
@@ -101,7 +103,7 @@ class Grasp:
         return rotations
 
     def payload_rotations(self, hands: Array, nodes: Array, rotation: Array) -> Array:
-        """Return the orientations of a payload in hands; array, shape (..., 3, 3).
+        """Return the orientations of a payload from grasps; array, shape (..., 3, 3).
 
         Each holder gives one; of several it is the rotation nearest to their mean.
 
@@ -117,12 +119,12 @@ class Grasp:
         return left @ right
 
     def spins(self, nodes: Array, velocities: Array) -> Array:
-        """Compute the angular velocity of the load as its nodes move; array, shape (..., 3, n) [rad/s].
+        """Compute the payload's angular velocity; array, shape (..., 3, n) [rad/s].
 
         Parameters
         ----------
         nodes : array, shape (..., n_nodes, 3), as in `hand_rotations` [m]
-        velocities : array, shape (..., n_nodes, 3, n), n ways in which they move as one body [m/s]
+        velocities : array, shape (..., n_nodes, 3, n), n motions as one body [m/s]
         """
         if self.keypoints:
             three = list(self.keypoints)
@@ -136,7 +138,7 @@ class Grasp:
         return spin
 
     def _along(self, hands: Array) -> tuple[Array, Array]:
-        """Return x and y of the vector from the second holder to the first [m]; two arrays, shape (...)."""
+        """Return x and y from the second to the first holder [m]. Two arrays, shape (...)."""
         hands = np.asarray(hands, dtype=float)
         if len(self.holders) == 1:
             return np.ones(hands.shape[:-2]), np.zeros(hands.shape[:-2])
@@ -152,9 +154,10 @@ def keypoint_frames(points: Array) -> Array:
 
 
 def _angular_velocity(points: Array, velocities: Array) -> Array:
-    """Compute the angular velocity w of a rigid body from three of its points; arrays as in `Grasp.spins`.
+    """Compute a rigid body's angular velocity w from three of its points.
 
-    With edges e_i from the first point, their normal included, and g_i the dual basis, ``2 w = sum_i g_i x e_i'``.
+    Arrays are as in `Grasp.spins`. With edges e_i from the first point, their normal included, and g_i the dual
+    basis, ``2 w = sum_i g_i x e_i'``.
     """
     edges, rates = (
         points[..., 1:, :] - points[..., :1, :],
@@ -171,7 +174,7 @@ def _angular_velocity(points: Array, velocities: Array) -> Array:
 
 
 def keypoints_of(points: Array) -> tuple[int, int, int]:
-    """Return three of a body's points, array of shape (n, 3), that tell its orientation well: far from one line."""
+    """Return three of a body's points (n, 3) far from one line. They determine its orientation well."""
     away = np.linalg.norm(points - points[0], axis=1).round(DIGITS)
     second = int(away.argmax())
     along = (points[second] - points[0]) / away[second]
@@ -181,7 +184,7 @@ def keypoints_of(points: Array) -> tuple[int, int, int]:
 
 
 def grasp_of(file: SceneFile, groups: Sequence[RigidGroup]) -> Grasp | None:
-    """Return the grasp that a scene file describes, the first where it describes several; None where it has none."""
+    """Return the (first) grasp of a scene file, or None."""
     if file.grasp is None:
         return None
     part, holders, corner = alternatives(file)[0], set(file.holder_numbers), len(file.names)
@@ -216,10 +219,10 @@ def grasp_of(file: SceneFile, groups: Sequence[RigidGroup]) -> Grasp | None:
 
 
 def alternatives(file: SceneFile, step: float = 45.0) -> tuple[GraspPart, ...]:
-    """Return the grasps that a scene file leaves open, each with a yaw that is given; none where it has none.
+    """Return the grasps that a scene file leaves open, with yaws.
 
-    Where the yaw is free, hands are turned by all multiples of `step` [deg] beyond their offsets: all by the same, or
-    the first against the others.
+    Where the yaw is free, end effectors are turned by all multiples of `step` [deg] beyond their offsets: all by the
+    same, or the first against the others. There are none where the file has no grasp.
     """
     if file.grasp is None:
         return ()
@@ -246,7 +249,7 @@ def alternatives(file: SceneFile, step: float = 45.0) -> tuple[GraspPart, ...]:
 def hands_of(
     start: PayloadPose, goal: PayloadPose, grasps: Mapping[str, tuple[float, ...]]
 ) -> list[dict[str, Any]]:
-    """Return the manipulators that hold a payload at some points of its frame, as a scene file has them."""
+    """Return the manipulators of a payload's grasps, as in scene files."""
     n_dims, placed = len(start.position), dict[str, Array]()
     points = spatial(np.array([*grasps.values()]))
     for end, pose in (("start", start), ("goal", goal)):
@@ -259,12 +262,12 @@ def hands_of(
 
 
 def axis_of(free: str) -> Array:
-    """Return the unit vector about which a goal is free, in the world for `yaw`, else in the payload's frame."""
+    """Return the unit vector about which a goal is free. `yaw` is in the world, others in the payload."""
     return np.eye(3)["xyz".index("z" if free == "yaw" else free)]
 
 
 def turned_goal(option: GraspOption, angle: float) -> GraspOption:
-    """Return the option with its goal turned by an angle [rad] about its free axis, which then is no longer free."""
+    """Return the option with its free goal turned and fixed [rad]."""
     if option.free is None:
         return option
     given, turn = (
@@ -278,7 +281,7 @@ def turned_goal(option: GraspOption, angle: float) -> GraspOption:
 
 
 def nearest_turn(start: Array, goal: Array, free: str) -> float:
-    """Return the angle [rad] about a free axis by which a goal is turned least from the start.
+    """Return the angle [rad] that turns a goal nearest to the start. The turn is about a free axis.
 
     Parameters
     ----------
@@ -293,7 +296,7 @@ def nearest_turn(start: Array, goal: Array, free: str) -> float:
 
 
 def angle_to(option: GraspOption, goal: PayloadPose) -> float | None:
-    """Return the angle about an option's free axis at which its goal is a given one [rad]; None for none."""
+    """Return the angle [rad] to a goal about a free axis. It is None where no angle leads there."""
     if option.free is None or np.abs(np.subtract(option.goal.position, goal.position)).max() > SAME:
         return None
     wanted, own = (matrices(np.array(pose.quaternion_wxyz)) for pose in (goal, option.goal))
@@ -303,7 +306,7 @@ def angle_to(option: GraspOption, goal: PayloadPose) -> float | None:
 
 
 def chosen(file: SceneFile, choice: GraspOption) -> SceneFile:
-    """Return a scene file in which the payload is held and put down in one of the ways that the file leaves open."""
+    """Return a scene file with one choice of grasps and goal."""
     load = file.load
     assert load is not None and load.start is not None, "choices are about payloads with poses"
     changes: dict[str, Any] = {"goal": choice.goal}
@@ -329,15 +332,16 @@ SHARE = 0.02
 
 
 def far_grasps(file: SceneFile, groups: Sequence[RigidGroup], body: MovingBody) -> Array:
-    """Compute how far grasps that hold nothing are from the payload, in every way to hold it.
+    """Compute the distances of ineffective grasps from the payload.
 
-    A grasp holds it up to `FINGERS` and `SHARE` of the payload's longest side from its surface. Of a mesh, distances
-    are those from the polytopes that contain it, which are at most their over-approximation error less.
+    Every choice is computed. A grasp holds it up to `FINGERS` and `SHARE` of the payload's longest side from its
+    surface. Of a mesh, distances are those from the polytopes that contain it, which are at most their
+    over-approximation error less.
 
     Parameters
     ----------
     groups : the rigid groups of the scene; one of them holds the payload
-    body : the geometry of the payload and the hands
+    body : the geometry of payload and end effectors
 
     Returns
     -------
@@ -356,7 +360,7 @@ def far_grasps(file: SceneFile, groups: Sequence[RigidGroup], body: MovingBody) 
 
 
 def _held_at(file: SceneFile, group: RigidGroup) -> Array:
-    """Return where every way holds the payload, in the group's frame; array, shape (n_ways, n_holders, 3) [m]."""
+    """Return the choices' grasps in the group's frame; array, shape (n_ways, n_holders, 3) [m]."""
     load = file.load
     if not file.choices or load is None or load.start is None:
         return group.grasps[None, [group.members.index(i) for i in file.holder_numbers]]
@@ -366,7 +370,8 @@ def _held_at(file: SceneFile, group: RigidGroup) -> Array:
 
 
 def _distances(file: SceneFile, group: RigidGroup, hands: Array, hulls: Sequence[Array]) -> Array:
-    """Compute how far hands are from the payload, 0 inside of it; (n_holders, 3), [m] -> (n_holders,).
+    """Compute end effectors' distances from the payload; (n_holders, 3), [m] -> (n_holders,). They are 0 inside of
+    it.
 
     The corners of a payload of convex solids are those of `hulls`, arrays of shape (n_corners, 3) [m].
     """
@@ -399,7 +404,7 @@ def _distances(file: SceneFile, group: RigidGroup, hands: Array, hulls: Sequence
 
 
 def told_far(name: str, apart: float, file: SceneFile) -> str:
-    """Return that the grasp of an end effector holds nothing, how far it is from the payload [m], and what to do."""
+    """Return a message about an ineffective grasp, with its distance [m]."""
     return (
         f"'{name}' is to hold the payload, and is {apart:.3g} m away from its surface: there is nothing between its "
         f"fingers; {_advice(file)}"
@@ -427,7 +432,7 @@ def _advice(file: SceneFile) -> str:
 
 
 def _from_segments(points: Array, ends: Array) -> Array:
-    """Compute the distances of points (n, 3) from the nearest of segments (m, 2, 3); array, shape (n,) [m]."""
+    """Compute points' (n, 3) distances from the nearest segment (m, 2, 3); array, shape (n,) [m]."""
     start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
     to = points[:, None] - start
     share = np.clip((to * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)

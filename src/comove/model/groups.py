@@ -1,4 +1,4 @@
-"""Rigid groups: sets of manipulators whose mutual distances are fixed, and the load that they carry."""
+"""Rigid groups: manipulators with fixed mutual distances, and their payload."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class GroupPose:
 
 
 class Mask(NamedTuple):
-    """Parts of its pose that a rigid body keeps, besides those that its orientation says.
+    """Fixed parts of a rigid body's pose, besides its `orientation`.
 
     Attributes
     ----------
@@ -58,25 +58,25 @@ class Mask(NamedTuple):
 
 @dataclass(frozen=True)
 class RigidGroup:
-    """A group of manipulators that move as one rigid body; a single free manipulator is a group of one.
+    """A group of manipulators that move as one rigid body. A single free manipulator is a group of one.
 
     Its frame is that of the payload, where the payload has one.
 
     Attributes
     ----------
     members : indices of the manipulators
-    grasps : array, shape (n_members, 3), positions of the hands in the group's frame [m]
-    corners : array, shape (n_corners, 3), further points of the load in the group's frame [m]; where all others are
-        on one line, keypoints beside it that belong to no part of it
-    orientation : how the group may turn: "none" (a single hand) and "fixed", not at all; "plane", by an angle in the
-        plane; "vertical", by an angle about the vertical in space; "axis", by the direction of an axis in space
-        (hands on one line, the roll about which does not matter); "space", in any way
+    grasps : array, shape (n_members, 3), positions of the end effectors in the group's frame [m]
+    corners : array, shape (n_corners, 3), further points of the payload in the group's frame [m]; where all others
+        are on one line, keypoints beside it that belong to no part of it
+    orientation : how the group may turn: "none" (a single end effector) and "fixed", not at all; "plane", by an angle
+        in the plane; "vertical", by an angle about the vertical in space; "axis", by the direction of an axis in
+        space (end effectors on one line, the roll about which does not matter); "space", in any way
     start, goal : poses at start and goal
     unturned : array, shape (3, 3), rotation of the frame where coordinates turn nothing: that of a group that does
         not turn; of one that turns by an angle, that at the angle 0; of an axis, a roll about it
     start_twist : array, shape (6,), velocity of the frame's centre [m per duration] and angular velocity [rad per
         duration] at the start, along the axes of the world; zero unless the movement continues another one
-    mask : further parts of its pose that it keeps
+    mask : further fixed parts of its pose
     """
 
     members: tuple[int, ...]
@@ -91,21 +91,19 @@ class RigidGroup:
 
     @property
     def points(self) -> Array:
-        """Return grasps and corners, array of shape (n_members + n_corners, 3), [m]."""
+        """Return grasps and corners, shape (n_members + n_corners, 3), [m]."""
         return np.concatenate([self.grasps, self.corners])
 
     @property
     def reach(self) -> float:
-        """Return the largest distance of the group's points from its centre or, if vertical, its axis of rotation
-        [m].
-        """
+        """Return the points' largest distance [m] from the centre, or vertical axis."""
         points = self.aligned(self.points)
         return float(
             np.linalg.norm(points[:, :2] if self.orientation == "vertical" else points, axis=1).max()
         )
 
     def aligned(self, points: Array) -> Array:
-        """Return points of the frame, array of shape (n_points, 3), where coordinates turn nothing [m]."""
+        """Return points (n_points, 3) turned as by zero coordinates [m]."""
         return points @ self.unturned.T
 
     def turn(self, pose: GroupPose) -> GroupPose:
@@ -114,7 +112,7 @@ class RigidGroup:
 
 
 def orientation_of(grasps: Array, n_dims: int) -> Orientation:
-    """Return which part of a body's orientation is determined by hands at `grasps`, array of shape (n_members, 3)."""
+    """Return which orientation end effectors at `grasps` (n_members, 3) determine."""
     if len(grasps) == 1:
         return "none"
     if n_dims == 2:
@@ -126,7 +124,7 @@ def orientation_of(grasps: Array, n_dims: int) -> Orientation:
 def fit_pose(
     grasps: Array, hands: Array, orientation: Orientation, unturned: Array | None = None
 ) -> GroupPose:
-    """Return the pose that brings `grasps` nearest to `hands` in least squares, without mirroring.
+    """Return the pose that fits `grasps` to end effectors by least squares. There is no mirroring.
 
     Parameters
     ----------
@@ -146,11 +144,10 @@ def fit_pose(
 
 
 def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
-    """Return by how much the tilts of two rotations, arrays of shape (3, 3), differ [rad].
+    """Return the difference in tilt of two rotations (3, 3) [rad].
 
-    Rotations about z do not count.
-
-    In the plane this is the angle between them; for an axis in space the difference of its inclinations.
+    Rotations about z do not count. In the plane this is the angle between them; for an axis in space the difference
+    of its inclinations.
     """
     if orientation == "plane":
         return float(abs(np.arctan2(*(a @ b.T)[[1, 0], 0])))
@@ -161,7 +158,7 @@ def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
 
 
 def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Array) -> Array:
-    """Move `points`, array of shape (n_points, 3), as little as possible so that the pairs have the given distances.
+    """Move points (n_points, 3) least, so that pairs have given distances.
 
     Gauss-Newton on the constraints with least-norm steps; exact for one pair after the first step.
     """
@@ -182,7 +179,7 @@ def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Ar
 
 
 def connected(n: int, pairs: Sequence[tuple[int, ...]]) -> list[int]:
-    """Return the connected component of each of n nodes, as the least number of its nodes."""
+    """Return the component of n nodes, as its least number."""
     component = list(range(n))
     for a, b in pairs:
         new, old = sorted((component[a], component[b]))

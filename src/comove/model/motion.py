@@ -27,7 +27,7 @@ SAMPLE_RATE = 100.0  # Hz, of sampled trajectories
 
 @dataclass(frozen=True, eq=False)
 class CoordinatedMotion:
-    """A movement of all manipulators of a scene on one phase, in unit duration.
+    """A movement of a scene's manipulators on one phase, in unit duration.
 
     Attributes
     ----------
@@ -35,8 +35,7 @@ class CoordinatedMotion:
     coordinates : coordinates that describe its configurations
     basis : basis functions of its transformed system
     boundary : array, shape (4, n_columns): start, start velocity, goal, goal velocity of q
-    weights : array, shape (n_columns, n_basis), shape weights; what moves bodies in ways that their coordinates mask
-        is left out
+    weights : array, shape (n_columns, n_basis), shape weights; masked motions of bodies are left out
     """
 
     __repr__ = brief
@@ -56,23 +55,24 @@ class CoordinatedMotion:
             object.__setattr__(self, name, array)
 
     def __reduce__(self) -> tuple[type[CoordinatedMotion], tuple[Any, ...]]:
-        """Pickle what the motion is made of, and not what was computed from it."""
+        """Pickle the motion's fields, not the cached results."""
         return CoordinatedMotion, (self.scene, self.coordinates, self.basis, self.boundary, self.weights)
 
     @classmethod
     def straight(cls, scene: Scene, coordinates: Coordinates | None = None) -> CoordinatedMotion:
         """Return the minimum-jerk motion from start to goal, which ignores obstacles.
 
-        It is in load coordinates by default.
+        It is in payload coordinates by default.
         """
         coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "jerk")
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
         return cls(scene, coordinates, basis, coordinates.boundary(), weights)
 
     def on(self, scene: Scene) -> CoordinatedMotion:
-        """Return the movement on its scene with another duration or limits, or made larger or smaller.
+        """Return the movement on another version of its scene.
 
-        Centres are scaled by the ratio of the largest sides of the workspaces (`Scene.scaled`).
+        Duration, limits or size may differ. Centres are scaled by the ratio of the largest sides of the workspaces
+        (`Scene.scaled`).
         """
         coordinates = coordinates_for(scene, self.coordinates.kind)
         factor, blocks = np.ones(self.coordinates.n_columns), self.coordinates.blocks
@@ -83,23 +83,23 @@ class CoordinatedMotion:
         )
 
     def show(self) -> None:
-        """Show the motion, judged, in a notebook, or else in a browser; see `comove.show`."""
+        """Show the verified motion in a notebook or browser. See `comove.show`."""
         comove.show(self)
 
     @cached_property
     def knots(self) -> Array:
-        """Return q and its first two derivatives at the knots; array, shape (3, n_knots, n_columns)."""
+        """Return q and two derivatives at knots; array, shape (3, n_knots, n_columns)."""
         knots = self.basis.boundary @ self.boundary + self.basis.shape @ self.weights.T
         knots.setflags(write=False)
         return knots
 
     def at(self, s: ArrayLike) -> Array:
-        """Return q and its first two derivatives at normalised times `s`; array, shape (3, n_steps, n_columns)."""
+        """Return q and two derivatives at normalised times; (3, n_steps, n_columns)."""
         boundary, shape = self.basis.at(s)
         return boundary @ self.boundary + shape @ self.weights.T
 
     def hands(self, s: ArrayLike) -> Array:
-        """Return the hands and their first two derivatives by normalised time.
+        """Return the end effectors' positions and two derivatives by normalised time.
 
         Array, shape (3, n_steps, n_manipulators, n_dims).
         """
@@ -107,7 +107,7 @@ class CoordinatedMotion:
         return nodes[:, :, : len(self.scene.manipulators), : self.scene.n_dims]
 
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
-        """Sample the movement; at `SAMPLE_RATE` or finer unless `n_steps` is given."""
+        """Sample the movement, by default at `SAMPLE_RATE` or finer."""
         duration = self.scene.duration
         if n_steps is not None:
             require_steps(n_steps)

@@ -1,4 +1,4 @@
-"""The motion of obstacles: `motion` of a scene file, and the poses and velocities that follow from it.
+"""The motion of obstacles: `motion` of scene files, poses, velocities.
 
 The pose of an obstacle is that of the file, displaced: its centre by an *offset*, its orientation by a *turn* about
 an axis that does not change. A body is as far from a displaced obstacle as the body, displaced back, is from a
@@ -38,7 +38,7 @@ HOW = ("velocity", "waypoints", "circle")
 
 
 class ObstacleMotion(Protocol):
-    """The motion of an obstacle, whose times are an array of shape (n_times,) [s]."""
+    """The motion of an obstacle; times have shape (n_times,) [s]."""
 
     @property
     def kinks(self) -> tuple[float, ...]:
@@ -53,7 +53,7 @@ class ObstacleMotion(Protocol):
         """Return the angular velocity; array, shape (3,) [rad/s]."""
 
     def turns(self, time: Array) -> Array:
-        """Return the rotation vectors of the turn, multiples of `spin`; array, shape (n_times, 3) [rad]."""
+        """Return rotation vectors, multiples of `spin`; array, shape (n_times, 3) [rad]."""
 
     def offsets(self, time: Array) -> Array:
         """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
@@ -62,7 +62,7 @@ class ObstacleMotion(Protocol):
         """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
 
     def sagittas(self, time: Array) -> Array:
-        """Return bounds of the distance of the way from its chords; array, shape (n_times - 1,) [m]."""
+        """Return bounds of the interpolation error; array, shape (n_times - 1,) [m]."""
 
 
 def rotations(turns: Array) -> Array:
@@ -71,7 +71,7 @@ def rotations(turns: Array) -> Array:
 
 
 def seen_from(points: Array, center: Array, offset: Array, turn: Array) -> Array:
-    """Return points in the frame of an obstacle that is displaced from `center`, as the obstacle sees them.
+    """Return points in the frame of an obstacle displaced from `center`.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def seen_from(points: Array, center: Array, offset: Array, turn: Array) -> Array
 
 
 class Circle(Part):
-    """A circle of `radius` [m] in the xy plane that is passed counter-clockwise once in `period_s` [s]."""
+    """A circle of `radius` [m] in the xy plane. It is passed counter-clockwise once in `period_s` [s]."""
 
     radius: PositiveLength
     period_s: Positive
@@ -101,7 +101,7 @@ def _rate(rate: float) -> float:
 
 
 class Turn(Sparse):
-    """A turn at a constant rate about an axis in the world, counter-clockwise as seen from its tip.
+    """A turn at a constant rate about an axis in the world. It is counter-clockwise as seen from its tip.
 
     The axis passes through `hinge`, a point that is given relative to the obstacle's centre at 0 s [m]; through the
     centre unless given. In the plane it is z, and not given.
@@ -137,11 +137,12 @@ class Turn(Sparse):
 
 
 class Motion(Sparse):
-    """A motion of an obstacle: a path of its centre that is given in one of three ways, a `turn`, or both.
+    """A motion of an obstacle: a path, a `turn`, or both.
 
-    The ways are a constant `velocity` [m/s]; straight lines between `waypoints` [m], reached at `times` [s]; and a
-    `circle`, whose centre lies in the direction of -x from the obstacle's first position. Before its first and after
-    its last waypoint an obstacle keeps its place. A hinge goes along the path, and the centre turns about it.
+    The path of its centre is given in one of three ways: a constant `velocity` [m/s]; straight lines between
+    `waypoints` [m], reached at `times` [s]; and a `circle`, whose centre lies in the direction of -x from the
+    obstacle's first position. Before its first and after its last waypoint an obstacle keeps its place. A hinge goes
+    along the path, and the centre turns about it.
     """
 
     LATER = ("turn",)
@@ -192,7 +193,7 @@ class Motion(Sparse):
         return result
 
     def velocities(self, time: Array) -> Array:
-        """Return the velocities of the centre, at a kink those after it; array, shape (n_times, 3) [m/s]."""
+        """Return the centre's velocities; array, shape (n_times, 3) [m/s]. At a kink they are those after it."""
         result = np.zeros((len(time), 3))
         if self.velocity is not None:
             result[:, : len(self.velocity)] = self.velocity
@@ -216,7 +217,7 @@ class Motion(Sparse):
         return np.zeros(3) if self.turn is None else self.turn.spin
 
     def turns(self, time: Array) -> Array:
-        """Return the rotation vectors of the turn from the orientation at 0 s; array, shape (n_times, 3) [rad]."""
+        """Return rotation vectors from the orientation at 0 s; shape (n_times, 3) [rad]."""
         return np.maximum(time, 0.0)[:, None] * self.spin
 
     @property
@@ -226,7 +227,7 @@ class Motion(Sparse):
 
     @property
     def speed(self) -> float:
-        """Return the largest speed of the centre, at most [m/s]."""
+        """Return an upper bound of the centre's speed [m/s]."""
         about = 0.0 if self.turn is None else self.turn.speed
         if self.velocity is not None:
             return about + float(np.linalg.norm(self.velocity))
@@ -238,9 +239,7 @@ class Motion(Sparse):
         return about + float((ways / np.diff(self.kinks)).max(initial=0.0))
 
     def sagittas(self, time: Array) -> Array:
-        """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
-        [m].
-        """
+        """Return the centre's interpolation error between times; shape (n_times - 1,) [m]."""
         steps = np.diff(time)
         sagittas = np.zeros(len(steps))
         if self.turn is not None:  # chords of curves with bound second derivatives
@@ -278,7 +277,7 @@ def _require_order(waypoints: tuple[tuple[float, ...], ...], times: tuple[float,
 
 
 class Displacements(NamedTuple):
-    """Displacements of obstacles from their poses at 0 s, by row of the scene's table of obstacles.
+    """Displacements of obstacles from their poses at 0 s, by table row.
 
     Between two samples, offsets and angles change linearly. All arrays are read-only and C-contiguous: kernels are
     compiled for one kind of array. `of` makes them so.
@@ -300,7 +299,7 @@ class Displacements(NamedTuple):
     def of(
         cls, offsets: Array, centers: Array, angles: Array | None = None, axes: Array | None = None
     ) -> Displacements:
-        """Return displacements of these arrays; without angles and axes nothing turns."""
+        """Return displacements; without angles and axes nothing turns."""
         if angles is None:
             angles = np.zeros(offsets.shape[:2])
         if axes is None:

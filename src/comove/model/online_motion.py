@@ -1,4 +1,4 @@
-"""Coordinated movements carried out step by step, exactly as curves of their coordinates."""
+"""Coordinated movements executed stepwise, exactly as curves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GOAL_MISS = 1e-6  # m, largest violation of constraints by hands at a moved goal
 
 @dataclass(frozen=True, eq=False)
 class OnlineMotion:
-    """A coordinated movement that is advanced in time, slowed, pushed and redirected.
+    """A coordinated movement that is advanced, slowed, pushed and redirected.
 
     Attributes
     ----------
@@ -33,13 +33,13 @@ class OnlineMotion:
 
     @cached_property
     def curve(self) -> Curve:
-        """Return the curve in configurations that is followed."""
+        """Return the followed curve of configurations."""
         motion, basis = self.motion, self.motion.basis
         force = basis.boundary_force @ motion.boundary + basis.shape_force @ motion.weights.T
         return Curve(motion.knots, force, motion.boundary[2])
 
     def initial_state(self) -> DMPState:
-        """Return the state at time 0, from which `step` continues; its position is a configuration q."""
+        """Return the state at time 0; its position is a configuration."""
         return begin(self.curve, self.motion.boundary[0], self.motion.boundary[1], self.motion.scene.duration)
 
     def step(self, state: DMPState, dt: float, *, rate: float = 1.0) -> DMPState:
@@ -53,10 +53,7 @@ class OnlineMotion:
         return advance(state, dt, rate)
 
     def hands_at(self, state: DMPState) -> tuple[Array, Array]:
-        """Return positions [m] and velocities [m/s] of the hands in a state.
-
-        Arrays, shape (n_manipulators, n_dims).
-        """
+        """Return the end effectors' positions [m] and velocities [m/s]. Arrays, shape (n_manipulators, n_dims)."""
         rate = state.rate / state.duration
         q = np.stack([state.position, state.slope * rate, np.zeros_like(state.position)])[:, None]
         position, velocity, _ = self.motion.coordinates.motion(q)[
@@ -65,12 +62,12 @@ class OnlineMotion:
         return position, velocity
 
     def redirected(self, state: DMPState, goal: ArrayLike) -> DMPState:
-        """Return the state with another goal, array of shape (n_manipulators, n_dims), [m].
+        """Return the state with another goal, (n_manipulators, n_dims), [m].
 
         Raises
         ------
         OptionError
-            If hands at this goal would violate constraints that the coordinates keep by construction.
+            If end effectors at this goal would violate constraints that the coordinates keep by construction.
         """
         q = self._configuration(state.curve.goal, goal)
         miss = np.abs(self._hands_of(q) - np.asarray(goal, dtype=np.float64)).max()
@@ -82,7 +79,7 @@ class OnlineMotion:
         return self._towards(state, q)
 
     def _towards(self, state: DMPState, q: Array) -> DMPState:
-        """Return the state on the way to another goal, a configuration."""
+        """Return the state towards another goal configuration."""
         if len(q) != self.motion.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
         boundary = self.motion.boundary.copy()
@@ -91,16 +88,15 @@ class OnlineMotion:
         return replace(state, goal=q, curve=curve)
 
     def displaced(self, state: DMPState, hands: ArrayLike) -> DMPState:
-        """Return the state after a push, with the hands as measured, array of shape (n_manipulators, n_dims), [m].
+        """Return the state after a push to measured end effectors.
 
-        The nearest configuration is taken, so that the constraints hold whatever was measured.
+        They have shape (n_manipulators, n_dims), [m]. The nearest configuration is used, so that the constraints hold
+        for any measurement.
         """
         return replace(state, position=self._configuration(state.position, hands))
 
     def _configuration(self, near: Array, hands: ArrayLike) -> Array:
-        """Return the configuration of given hands, with roll, whole turns and sign nearest to the configuration
-        `near`.
-        """
+        """Return the end effectors' configuration nearest to `near` in roll, turns, sign."""
         if len(near) != self.motion.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
         hands = numbers(hands)

@@ -1,13 +1,14 @@
-"""Resting contacts: a payload that lies on an obstacle, or within the clearance of it, at its start or its goal.
+"""Resting contacts of a payload at its start or goal.
 
-An obstacle with `support: true` may be nearer at an end than the clearance c, down to contact. Let d be its distance
-there, n the direction in which the body leaves it, and u the largest displacement of any node from that end. At
-every instant the body must then keep c from the obstacle *receded* against n by
+A payload may lie on an obstacle, or within the clearance of it. An obstacle with `support: true` may be nearer at an
+end than the clearance c, down to contact. Let d be its distance there, n the direction in which the body leaves it,
+and u the largest displacement of any node from that end. At every instant the body must then keep c from the obstacle
+*receded* against n by
 
     r = max(0, c - d + TOLERANCE - SLOPE u).
 
 As that moves no point of the obstacle by more than r, the true distance is at least ``min(c, d - TOLERANCE + SLOPE
-u)``: never below what it was at the end, growing with every millimetre that the body moves, and the full clearance
+u)``: never below its value at the end, growing with every millimetre that the body moves, and the full clearance
 from ``u = (c - d + TOLERANCE) / SLOPE`` on. The rule depends on poses alone, not on time, so pauses, retiming and
 pushes do not change it. All other pairs keep the full clearance.
 """
@@ -42,7 +43,7 @@ REFINED, PROBE = (
 
 
 class Supported(Protocol):
-    """A scene as resting contacts see it: attributes and methods of `comove.model.scene.Scene`."""
+    """The part of `comove.model.scene.Scene` that resting contacts use."""
 
     @property
     def file(self) -> SceneFile: ...
@@ -96,7 +97,7 @@ class Rest(NamedTuple):
         return max(0.0, clearance - self.distance + TOLERANCE)
 
     def reach(self, clearance: float) -> float:
-        """Return the displacement of the body from which on the full clearance is required [m]."""
+        """Return the displacement [m] beyond which full clearance is required."""
         return self.relief(clearance) / SLOPE
 
     def displacement(self, nodes: Array) -> Array:
@@ -105,12 +106,12 @@ class Rest(NamedTuple):
 
 
 def provable(scene: Supported) -> float:
-    """Return what an end keeps at least beyond the clearance that is asked for [m]."""
+    """Return the margin of ends beyond the required clearance [m]."""
     return PROVABLE_END * max(1.0, float((scene.upper - scene.lower).max()))
 
 
 def recessions(scene: Supported, nodes: Array, beyond: float = 0.0) -> Array:
-    """Return the displacements of receded obstacles; array, shape (..., n_obstacles, 3) [m].
+    """Return receded obstacles' displacements; array, shape (..., n_obstacles, 3) [m].
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def recessions(scene: Supported, nodes: Array, beyond: float = 0.0) -> Array:
 
 
 def recession_sagittas(scene: Supported, nodes: Array, deviation: Array, moved: Array) -> Array:
-    """Bound how far receded obstacles are ahead of where they may be between knots; (n_knots - 1, n_obstacles) [m].
+    """Bound the interpolation error of recessions; (n_knots - 1, n_obstacles) [m].
 
     Between two knots the recession changes by `SLOPE` times the largest displacement of a node at most, and is never
     negative; so interpolated recessions exceed it by no more than that, and by no more than the larger of the two.
@@ -163,7 +164,7 @@ def rests_of(scene: Supported) -> tuple[Rest, ...]:
 
 
 def lift_direction(rests: list[Rest]) -> Array:
-    """Return the unit vector along which a body leaves all its supports best; array, shape (3,).
+    """Return the unit vector that leaves all supports best; shape (3,).
 
     It points to the point of the normals' convex hull that is nearest to the origin: of all unit vectors its least
     product with a normal is largest. Where that point is the origin, the vector is 0.
@@ -183,12 +184,12 @@ def lift_direction(rests: list[Rest]) -> Array:
 
 
 def require_no_rest(scene: Supported) -> None:
-    """Refuse resting contacts for motions that are made step by step.
+    """Raise for resting contacts, which stepwise motions cannot have.
 
     Raises
     ------
     SceneError
-        If the scene has any; it says where start and goal would have to be.
+        If the scene has any; it states where start and goal must be.
     """
     told = []
     for end in ENDS:
@@ -208,7 +209,7 @@ def require_no_rest(scene: Supported) -> None:
 
 
 def _rest(scene: Supported, end: str, obstacle: int, nodes: Array) -> Rest | None:
-    """Return the contact of one end with a support, None where the support is clear of it."""
+    """Return the contact of an end with a support, or None."""
     distance = scene.distance_from(obstacle, nodes)
     if distance >= scene.clearance + provable(scene):
         return None
@@ -238,7 +239,7 @@ def _rest(scene: Supported, end: str, obstacle: int, nodes: Array) -> Rest | Non
 
 
 def _normal(scene: Supported, obstacle: int, nodes: Array, far: float) -> Array:
-    """Return the unit vector along which an obstacle recedes best; array, shape (3,).
+    """Return the unit vector of an obstacle's best recession; shape (3,).
 
     Of the axes of the world, the obstacle and the payload, the best is improved along the gradient of the distance,
     which exists once the two are apart.
@@ -277,7 +278,7 @@ def _normal(scene: Supported, obstacle: int, nodes: Array, far: float) -> Array:
 
 
 def _require_way(scene: Supported, end: str, rests: list[Rest]) -> None:
-    """Refuse supports that no direction leaves together, as the walls of a slot."""
+    """Raise if no direction leaves the supports, as in a slot."""
     steepest = min(float(rest.normal @ lift_direction(rests)) for rest in rests)
     if steepest >= SLOPE + SPARE:
         return
@@ -297,7 +298,7 @@ def _require_way(scene: Supported, end: str, rests: list[Rest]) -> None:
 
 
 def _told_apart(scene: Supported, rests: list[Rest]) -> tuple[Rest, ...]:
-    """Return contacts of which those of one obstacle have one direction, or else are far from each other.
+    """Return contacts; those of one obstacle share a direction or are far apart.
 
     Raises
     ------
@@ -324,6 +325,6 @@ def _told_apart(scene: Supported, rests: list[Rest]) -> tuple[Rest, ...]:
 
 
 def _written(scene: Supported, vector: Array) -> str:
-    """Return a vector as it is written in a scene file, rounded away from 0 in the sixth digit."""
+    """Return a vector as in scene files, rounded away from 0."""
     found = [float(f"{x:.6g}") for x in np.where(np.abs(vector) < 1e-9, 0.0, vector)[: scene.n_dims]]
     return f"[{', '.join(f'{x:g}' for x in found)}]"

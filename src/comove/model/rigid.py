@@ -1,4 +1,4 @@
-"""Rigid groups of a scene file: which manipulators move as one body, by the load and the constraints."""
+"""Rigid groups of a scene file, by the payload and the constraints."""
 
 from __future__ import annotations
 
@@ -65,14 +65,14 @@ EDGE = (
 
 @dataclass(frozen=True, eq=False)
 class LoadBodies:
-    """Describes which hands of a scene file move as one rigid body, and where these bodies start and end.
+    """The rigid bodies of a scene file, with start and goal.
 
     Attributes
     ----------
-    file, path : the scene file, and where it lies, for messages
+    file, path : the scene file, and its path, for messages
     constraints : the constraints that the file states
     start, goal : arrays, shape (n_manipulators, 3), [m]
-    decomposition : polytopes that represent a load that is a mesh
+    decomposition : polytopes that represent a payload mesh
     """
 
     file: SceneFile
@@ -83,15 +83,15 @@ class LoadBodies:
     decomposition: ConvexDecomposition | None = None
 
     def sets(self) -> list[tuple[int, ...]]:
-        """Return the sets of manipulators that move as one rigid body, in the order of their first member.
+        """Return the sets of manipulators that move as one body.
 
-        All holders of the load belong to one set, and so do hands with a relative pose; distances bind hands only
-        where every pair of a set has one.
+        They are in the order of their first member. All holders of the payload belong to one set, and so do end
+        effectors with a relative pose; distances bind them only where every pair of a set has one.
 
         Raises
         ------
         SceneError
-            If distances tie hands together that may still move against each other.
+            If distances bind end effectors that may still move against each other.
         """
         names = self.file.names
         held = list(combinations(sorted(self.file.holder_numbers), 2))
@@ -115,13 +115,13 @@ class LoadBodies:
         return sets
 
     def levelled(self, sets: list[tuple[int, ...]]) -> LoadBodies:
-        """Return the same with free hands that share a height moved to their mean height.
+        """Return the bodies with free end effectors at their shared height.
 
         Raises
         ------
         SceneError
-            If hands miss their common height by more than the tolerance at an end, or if a hand that shares the
-            height of a hand of another body is not free.
+            If end effectors miss their common height by more than the tolerance at an end, or if one that shares the
+            height of another body's is not free.
         """
         names, up, pairs = self.file.names, self.file.dimension - 1, []
         free = {i for (i, *others) in sets if not others and names[i] not in self.file.holders}
@@ -150,12 +150,12 @@ class LoadBodies:
         return replace(self, start=start, goal=goal)
 
     def group(self, members: tuple[int, ...]) -> tuple[RigidGroup, list[DistanceConstraint]]:
-        """Return the rigid group of `members` and the distances that the file implies but does not state.
+        """Return the rigid group of `members`, and implied distances.
 
         Raises
         ------
         SceneError
-            If start or goal violate what the load and the constraints require by more than their tolerances.
+            If start or goal violate requirements of payload or constraints by more than their tolerances.
         """
         body = _Body(self, members)
         if body.poses:
@@ -188,7 +188,7 @@ class LoadBodies:
 
     @property
     def ends(self) -> tuple[Array, Array]:
-        """Return the hands at start and goal."""
+        """Return the end effectors at start and goal."""
         return self.start, self.goal
 
     def _error(self, message: str, key: str, way_out: str) -> SceneError:
@@ -196,7 +196,7 @@ class LoadBodies:
 
 
 class _Body:
-    """One rigid body: what the file says of its members, while its group is made."""
+    """One rigid body: its members' data while its group is made."""
 
     def __init__(self, bodies: LoadBodies, members: tuple[int, ...]):
         self.file, self.members, self.decomposition = bodies.file, members, bodies.decomposition
@@ -223,7 +223,7 @@ class _Body:
         return f"{', '.join(names[:-1])} and {names[-1]}"
 
     def implied(self, grasps: Array) -> list[DistanceConstraint]:
-        """Return the distances that grasps imply and the file does not state, after a check of all at both ends."""
+        """Return the distances that grasps imply, checked at both ends."""
         implied = []
         for (a, i), (b, j) in combinations(enumerate(self.members), 2):
             both = f"'{self.names[i]}' and '{self.names[j]}'"
@@ -251,7 +251,7 @@ class _Body:
         return implied
 
     def _implied_tolerance(self, i: int, j: int, distance: float) -> float:
-        """Return the tolerance [m] of a distance that is implied by relative poses or a load and not stated."""
+        """Return the tolerance [m] of an implied distance. It follows from relative poses or the payload."""
         poses = [c for c in self.own if isinstance(c, RelativePoseConstraint)]
         for c in poses:
             if set(c.hands) == {i, j}:
@@ -261,7 +261,7 @@ class _Body:
     def require_no_mirror(
         self, grasps: Array, orientation: Orientation, poses: list[GroupPose], slack: float
     ) -> None:
-        """Refuse hands that are the mirror image of the grasps: all distances agree and no rotation fits."""
+        """Raise if end effectors mirror the grasps. All distances agree then, and no rotation fits."""
         mirrored = grasps * ([1, -1, 1] if self.n_dims == 2 else [1, 1, -1])
         for end, pose, hands in zip(ENDS, poses, self.ends, strict=True):
             miss = float(np.abs(pose.place(grasps) - hands).max())
@@ -276,7 +276,7 @@ class _Body:
                 )
 
     def posed(self) -> tuple[RigidGroup, list[DistanceConstraint]]:
-        """Return the group of a payload whose poses are given, in the payload's frame, and the distances it implies.
+        """Return the group of a payload with poses, and implied distances.
 
         Raises
         ------
@@ -309,12 +309,12 @@ class _Body:
         return self.masked(group), implied
 
     def masked(self, group: RigidGroup) -> RigidGroup:
-        """Return the group of a payload, which keeps of its pose what constraints say; the goal is moved onto them.
+        """Return a payload's group with masks, its goal moved onto them.
 
         Raises
         ------
         SceneError
-            If an end needs what they keep.
+            If an end contradicts the masks.
         """
         own = [c for c in self.own if isinstance(c, PoseConstraint)]
         if not own:
@@ -357,13 +357,12 @@ class _Body:
         )
 
     def _key(self, *kinds: str) -> str:
-        """Return the key of the first constraint of some kinds."""
         return f"constraints[{next(i for i, c in enumerate(self.file.constraints) if c.type in kinds)}]"
 
     def _require_turn(
         self, missed: Array, turned: Array, start: Array, keeping: list[PoseConstraint]
     ) -> None:
-        """Refuse a goal that is turned, by the quaternion `turned` from the start, as constraints do not allow."""
+        """Raise if constraints do not allow the goal's rotation `turned`."""
         off = float(np.linalg.norm(logarithm(quaternion_of_rotation(missed))))
         allowed = min((c.tolerance for c in keeping), default=0.0) + TILT_ROUNDING
         if off <= allowed:
@@ -389,7 +388,7 @@ class _Body:
         )
 
     def _require_lean(self, poses: tuple[GroupPose, GroupPose], up: Array, tilt: float) -> None:
-        """Refuse a payload whose direction `up` leans too far at an end."""
+        """Raise if a payload's direction `up` leans too far at an end."""
         for end, pose in zip(ENDS, poses, strict=True):
             there = pose.rotation @ up
             angle = float(np.arctan2(np.hypot(*there[:2]), there[2]))
@@ -416,7 +415,7 @@ class _Body:
             )
 
     def held(self) -> tuple[Array, Array]:
-        """Return grasps and further points of the load in the group's frame.
+        """Return grasps and further payload points in the group's frame.
 
         Arrays, shapes (n_members, 3) and (n_corners, 3) [m].
         """
@@ -445,9 +444,9 @@ class _Body:
     def on_x_axis(
         self, members: tuple[int, ...], grasps: Array, corners: Array, ends: tuple[Array, Array]
     ) -> tuple[Array, Array]:
-        """Return grasps on one line and a solid's corners, in a frame that has this line as its x axis.
+        """Return grasps and corners in a frame along the grasps' line.
 
-        The frame's z axis is as near as possible to the solid's own z axis.
+        The line is the frame's x axis. Its z axis is as near as possible to the solid's own z axis.
 
         Raises
         ------
@@ -468,7 +467,9 @@ class _Body:
         return np.outer(along, [1.0, 0.0, 0.0]), (corners - middle) @ frame
 
     def _grasps_from_start(self, members: tuple[int, ...], hands: Array) -> Array:
-        """Return grasps about their mean, from the hands at the start, moved onto the stated distances.
+        """Return grasps about their mean, moved onto the stated distances.
+
+        They follow from the end effectors at the start.
 
         Grasps on one line are put on the x axis.
         """
@@ -496,9 +497,10 @@ class _Body:
         return grasps
 
     def upright(self, group: RigidGroup) -> RigidGroup:
-        """Return the group as one that turns about the vertical only (in the plane: not at all).
+        """Return the group as one that turns about the vertical only.
 
-        It keeps the tilt of the start, turned as little as possible so that hands of the same height are level.
+        In the plane it does not turn at all. It keeps the tilt of the start, turned as little as possible so that end
+        effectors of the same height are level.
         """
         allowed, level = TILT_ROUNDING, []
         for c in self.own:
@@ -542,7 +544,7 @@ class _Body:
         return replace(kept, start=poses[0], goal=poses[1])
 
     def _way_to_tilt(self, tilt: float) -> str:
-        """Return what to write for a body that is tilted by an angle [rad] at an end, in words."""
+        """Return advice for a body tilted by an angle [rad]."""
         wider, kept = _wider(tilt), "keep the tilt of the start"
         if any(c.type == "upright" for c in self.file.constraints):
             wider = f"write {wider} in" if wider else "leave out"
@@ -553,7 +555,7 @@ class _Body:
 
 
 def _turn_left_out(constraint: Constraint, turned: Array) -> bool:
-    """Return whether a constraint does not let a payload turn by a quaternion from the start."""
+    """Return whether a constraint forbids a payload's turn, a quaternion."""
     turn = constraint.turn if isinstance(constraint, PlaneConstraint) else constraint
     axis = turn.world if isinstance(turn, DirectionConstraint) else np.zeros(3)
     sine = np.linalg.norm(turned[1:] - (turned[1:] @ axis) * axis)
@@ -561,7 +563,7 @@ def _turn_left_out(constraint: Constraint, turned: Array) -> bool:
 
 
 def _wider(tilt: float) -> str | None:
-    """Return the tolerance with which a payload may be tilted by an angle [rad]; None where none is so large."""
+    """Return the tolerance that allows a tilt [rad], or None."""
     wide = float(np.ceil(degrees(tilt + EDGE)))
     return f"tolerance_deg: {wide:g}" if wide <= MAX_TOLERANCE else None
 
@@ -576,16 +578,16 @@ def _shape(file: SceneFile) -> str:
 
 
 def _is_solid(corners: Array) -> bool:
-    """Return whether the corners are those of a solid: a bar has two at most, its ends."""
+    """Return whether corners are a solid's; a bar has two."""
     return len(corners) > 2
 
 
 def load_shape(
     file: SceneFile, holders: tuple[int, ...], decomposition: ConvexDecomposition | None
 ) -> tuple[Array | None, Array]:
-    """Return grasps and corners of the load in its own frame.
+    """Return grasps and corners of the payload in its own frame.
 
-    The grasps are None where the hands' start determines them.
+    The grasps are None where the end effectors' start determines them.
     """
     load, names = file.load, file.names
     if isinstance(load, BarLoad):
@@ -613,23 +615,23 @@ def load_shape(
 
 
 def _about_vertical(pose: GroupPose, turn: Array, n_dims: int) -> GroupPose:
-    """Return the pose nearest to one of a body that turns about the vertical only, and is turned by `turn` else."""
+    """Return the nearest pose turned by `turn`, then about the vertical."""
     left = pose.rotation @ turn.T
     angle = float(np.arctan2(left[1, 0] - left[0, 1], left[0, 0] + left[1, 1])) if n_dims == 3 else 0.0
     return GroupPose(pose.center, rotation_in_plane(angle) @ turn)
 
 
 def _roll(rotation: Array) -> Array:
-    """Return the roll about the x axis that is left of a rotation beside the smallest one to its x axis."""
+    """Return a rotation's roll about x beyond the smallest rotation."""
     left = similarity(np.array([1.0, 0.0, 0.0]), rotation[:, 0]).T @ rotation
     roll = np.arctan2(left[2, 1], left[1, 1])
     return np.roll(rotation_in_plane(roll), 1, axis=(0, 1))
 
 
 def _telling(grasps: Array, corners: Array) -> Array:
-    """Return the corners of a body with points added that tell its orientation, where all its own are on one line.
+    """Return a body's corners with keypoints that determine its orientation.
 
-    These are keypoints alone: no part of the body reaches there.
+    Keypoints are added where all its points are on one line. No part of the body reaches there.
     """
     points = np.concatenate([grasps, corners])
     middle = points.mean(axis=0)
@@ -639,9 +641,9 @@ def _telling(grasps: Array, corners: Array) -> Array:
 
 
 def _without_roll(group: RigidGroup) -> RigidGroup:
-    """Return a group of hands on one line as a body that turns in any way, roll about the line included.
+    """Return a group on one line as a freely turning body.
 
-    From start to goal it turns as little as possible.
+    Roll about the line counts; from start to goal it turns as little as possible.
     """
     first, last = group.start.rotation, group.goal.rotation
     turned = similarity(first[:, 0], last[:, 0]) @ first

@@ -1,4 +1,4 @@
-"""The scene: manipulators, their load, obstacles and constraints, ready for solving."""
+"""The scene: manipulators, their payload, obstacles and constraints."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are ju
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene that is ready to be solved; build it by `Scene.load` or `Scene.from_dict`.
+    """A scene that is ready to be solved. Build it by `Scene.load` or `Scene.from_dict`.
 
     Attributes
     ----------
@@ -95,16 +95,18 @@ class Scene:
     folder : the folder to which the file's paths are relative
     path : path of the scene file, None where the scene was built in memory
     groups : rigid groups in the order of their first member; every manipulator is in one
-    constraints : constraints that must hold at every instant, with the distances that load and relative poses imply
-    body : the geometry of load and hands that must keep clear of obstacles
-    obstacles : array, shape (n_rows, n_columns), the table that kernels take, for search and avoidance: one row for
+    constraints : constraints that must hold at every instant, with the distances that payload and relative poses
+        imply
+    body : the geometry of payload and end effectors that must keep clear of obstacles
+    obstacles : array, shape (n_rows, n_columns), the table for kernels, for search and avoidance: one row for
         each obstacle; of a mesh, one row for each polytope that contains a part of it
     owners : array of int, shape (n_rows,), number in the file of the obstacle to which a row belongs
-    grasp : orientations of the hands that hold the load, None where the file does not say
-    motions : motions of the obstacles, None for those that stand still
+    grasp : orientations of the end effectors that hold the payload, None where the file has none
+    motions : motions of the obstacles, None for static ones
     begins : time on the clock of these motions at which the movement begins [s]
     surfaces : triangles of the obstacles that are meshes, for certified distances
-    excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
+    excess : upper bounds of the over-approximation error of a mesh's polytopes [m], by the obstacle's number, or
+        "load"
     meshes : checksums of the meshes' files
     words : names and lines of keys in the scene's file
     """
@@ -138,8 +140,8 @@ class Scene:
         changes
             Values that replace those of the file, such as ``{"duration": 3.0, "limits": {"jerk": 5.0}}``.
         check_ends
-            Whether to make sure that nothing is touched at start and goal, by kernels that may have to be compiled;
-            else `require_free_ends` does it later.
+            Whether to check that start and goal are free of contact, by kernels that may have to be compiled; else
+            `require_free_ends` does it later.
 
         Raises
         ------
@@ -155,7 +157,7 @@ class Scene:
     def from_dict(
         cls, data: dict[str, Any], *, folder: str | Path | None = None, check_ends: bool = True
     ) -> Scene:
-        """Build a scene from the contents of a scene file; paths are relative to `folder`.
+        """Build a scene from a scene file's contents. Paths are relative to `folder`.
 
         Raises
         ------
@@ -167,14 +169,14 @@ class Scene:
         return scene.require_free_ends() if check_ends else scene
 
     def require_free_ends(self) -> Scene:
-        """Return the scene itself, if the load and the hands touch nothing at start and goal.
+        """Return the scene itself if start and goal are collision-free.
 
-        Of the ways to hold the payload and to put it down that a scene leaves open, one has to do.
+        Of the choices of grasps and goal that a scene leaves open, one is enough.
 
         Raises
         ------
         SceneError
-            If they do, or are nearer than the scene's clearance, other than where a support holds them.
+            If there is contact, or less than the scene's clearance, except on supports.
 
         Warns
         -----
@@ -228,7 +230,7 @@ class Scene:
         return self
 
     def _wide_enough(self) -> str:
-        """Return a workspace in which the bodies are at both ends, in words."""
+        """Return a workspace that contains both ends, in words."""
         nodes = np.concatenate([self.nodes_at(end) for end in ENDS])[:, : self.n_dims]
         room = float(self.body.radii.max(initial=0.0)) + self.clearance + PROVABLE
         lower = np.minimum(self.lower, np.floor(1e3 * (nodes.min(axis=0) - room)) / 1e3)
@@ -236,7 +238,7 @@ class Scene:
         return f"{{lower: {(lower + 0.0).round(6).tolist()}, upper: {(upper + 0.0).round(6).tolist()}}}"
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
-        """Return the scene from a later instant on: the remainder of a movement that has begun.
+        """Return the scene from a later instant on. It is the remainder of a movement that has begun.
 
         Parameters
         ----------
@@ -254,7 +256,7 @@ class Scene:
         return replace(later, groups=groups, begins=self.begins + time)
 
     def standing(self) -> Scene:
-        """Return the scene without the obstacles that move."""
+        """Return the scene without moving obstacles."""
         kept = np.flatnonzero(~self.moving)
         rows = np.isin(self.owners, kept)
         table, owners = self.obstacles[rows].copy(), np.searchsorted(kept, self.owners[rows])
@@ -269,12 +271,12 @@ class Scene:
         return stands._changed(obstacles=tuple(obstacles))
 
     def without_supports(self) -> Scene:
-        """Return the scene with obstacles that support nothing, so that none recedes from a payload that rests."""
+        """Return the scene without supports, so that no obstacle recedes."""
         obstacles = self.file.obstacles
         return self._changed(obstacles=tuple(one.model_copy(update={"support": None}) for one in obstacles))
 
     def scaled(self, factor: float) -> Scene:
-        """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.
+        """Return the scene scaled by `factor`: lengths, speeds, accelerations and jerks.
 
         The demonstration is left out, as it has lengths of its own; weights of an objective are not changed.
         """
@@ -290,17 +292,17 @@ class Scene:
         return self._changed(duration=duration)
 
     def limited(self, **limits: float | None) -> Scene:
-        """Return the scene with other limits, by their keys in a scene file; None for no limit."""
+        """Return the scene with other limits by key; None for none."""
         return self._changed(limits=self.file.limits.model_copy(update=limits))
 
     def with_limits(self, limits: Mapping[str, float] = DEFAULT_LIMITS) -> Scene:
-        """Return the scene with limits in place of those that it leaves out, by their keys in a scene file."""
+        """Return the scene with limits where it has none, by key."""
         given = self.file.limits
         return self.limited(**{key: value for key, value in limits.items() if getattr(given, key) is None})
 
     @cached_property
     def alternatives(self) -> tuple[Scene, ...]:
-        """Return the scenes of which each has one of the grasps that this one leaves open; itself where none is."""
+        """Return the scenes of all grasps left open, or itself."""
         if self.file.choices is not None:
             return self._chosen
         parts = alternatives(self.file)
@@ -310,17 +312,17 @@ class Scene:
 
     @cached_property
     def far(self) -> Array:
-        """Return how far grasps that hold nothing are from the payload, see `far_grasps`; (n_ways, n_holders) [m]."""
+        """Return ineffective grasps' distances from the payload; (n_ways, n_holders) [m]. See `far_grasps`."""
         return far_grasps(self.file, self.groups, self.body)
 
     @property
     def n_far(self) -> Integers:
-        """Return the number of grasps that hold nothing in each choice of the file, or as given; shape (n_ways,)."""
+        """Return each choice's number of ineffective grasps; shape (n_ways,)."""
         return np.count_nonzero(self.far, axis=1)
 
     @property
     def choices(self) -> tuple[GraspOption, ...]:
-        """Return the choices of the file, those first by which more grasps hold the payload."""
+        """Return the file's choices, those with more effective grasps first."""
         given = self.file.choices or ()
         return tuple(given[k] for k in np.argsort(self.n_far[: len(given)], kind="stable"))
 
@@ -337,12 +339,12 @@ class Scene:
         return tuple(scenes)
 
     def put_down(self, choice: GraspOption, angle: float = 0.0) -> Scene:
-        """Return the scene in one of its choices, a free goal turned by an angle from the one that turns least [rad].
+        """Return the scene in one choice; a free goal is turned from the nearest one [rad].
 
         Raises
         ------
         SceneError
-            If the scene contradicts itself in that way.
+            If the scene contradicts itself with that choice.
         """
         number = next((k for k, own in enumerate(self.file.choices or ()) if own is choice), None)
         if (number, angle) in self._put_down:
@@ -356,11 +358,10 @@ class Scene:
 
     @cached_property
     def _put_down(self) -> dict[tuple[int | None, float], Scene]:
-        """Return the scenes of the choices that were put down, by number and angle."""
         return {}
 
     def ways_to(self, goal: PayloadPose | None) -> tuple[Scene, ...]:
-        """Return the alternatives, and those of the choices with a free goal whose goal may be the given one."""
+        """Return the alternatives, and choices with a free goal at `goal`."""
         found, there = [*self.alternatives], {"goal": goal, "free": None}
         for choice in self.file.choices or ():
             if goal is not None and choice.free is not None and angle_to(choice, goal) is not None:
@@ -374,13 +375,13 @@ class Scene:
         return replace(other, grasp=grasp_of(other.file, groups))
 
     def held_as_in(self, other: Scene) -> Scene:
-        """Return the alternative of this scene in which the payload is held and put down as in another scene."""
+        """Return the alternative with another scene's grasp and goal."""
         file, goal = other.file, None if other.file.load is None else other.file.load.goal
         ways = self.ways_to(goal)
         return next((w for w in ways if (w.file.grasp, w.file.load) == (file.grasp, file.load)), self)
 
     def in_one_way(self) -> Scene:
-        """Return the first alternative in which start and goal are free; the scene itself where it has no choices.
+        """Return the first alternative with free start and goal. A scene without choices returns itself.
 
         Raises
         ------
@@ -448,7 +449,7 @@ class Scene:
 
     @cached_property
     def start(self) -> Array:
-        """Return the hands at the start; array, shape (n_manipulators, n_dims) [m].
+        """Return the end effectors at the start; array, shape (n_manipulators, n_dims) [m].
 
         They are moved onto the constraints where the file misses them by no more than their tolerance.
         """
@@ -456,7 +457,7 @@ class Scene:
 
     @cached_property
     def goal(self) -> Array:
-        """Return the hands at the goal, as `start`."""
+        """Return the end effectors at the goal, as `start`."""
         return self._hands_at("goal")
 
     def _hands_at(self, end: str) -> Array:
@@ -473,7 +474,7 @@ class Scene:
 
     @property
     def clearance(self) -> float:
-        """Return the distance that the body must keep from everything [m]."""
+        """Return the required distance of the body from obstacles [m]."""
         return self.file.limits.clearance or 0.0  # filled in when the file is read
 
     @cached_property
@@ -483,7 +484,7 @@ class Scene:
 
     @cached_property
     def rests(self) -> tuple[Rest, ...]:
-        """Return the contacts in which supports hold the payload at start and goal.
+        """Return the resting contacts of the payload at start and goal.
 
         Raises
         ------
@@ -504,20 +505,16 @@ class Scene:
 
     @cached_property
     def convex_rows(self) -> NDArray[np.bool_]:
-        """Return which rows of the table are obstacles themselves, and not polytopes that contain a mesh."""
+        """Return which table rows are obstacles, not polytopes of meshes."""
         return ~np.isin(self.owners, self.surfaces.owner)
 
     def by_row(self, of_obstacles: Array) -> Array:
-        """Return values by row of the table, (n_times, n_rows, ...), from values by obstacle, (n_times, n_obstacles,
-        ...).
-        """
+        """Return values by row (n_times, n_rows, ...) from those by obstacle."""
         several = len(self.owners) > len(self.first_rows)
         return np.ascontiguousarray(of_obstacles[:, self.owners]) if several else of_obstacles
 
     def offsets(self, time: Array) -> Array:
-        """Return the offsets of the obstacles' centres from their positions at 0 s.
-
-        Array, shape (n_times, n_obstacles, 3) [m].
+        """Return the displacements of the obstacles' centres since 0 s. Array, shape (n_times, n_obstacles, 3) [m].
 
         Parameters
         ----------
@@ -527,7 +524,7 @@ class Scene:
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
     def displacements(self, time: Array) -> Displacements:
-        """Return the displacements of the obstacles by row of the table, as kernels take them.
+        """Return the obstacles' displacements by table row, for kernels.
 
         Parameters
         ----------
@@ -543,11 +540,11 @@ class Scene:
         return Displacements.of(offsets, centers, self.by_row(angles), axes[self.owners])
 
     def displacements_along(self, n_steps: int) -> Displacements:
-        """Return the displacements at even times of the movement, without samples where no obstacle moves."""
+        """Return displacements at even times, empty if no obstacle moves."""
         return _displacements_along(self, n_steps)
 
     def obstacle_velocities(self, time: Array) -> Array:
-        """Return the velocities of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m/s].
+        """Return velocities of obstacle centres; array, shape (n_times, n_obstacles, 3) [m/s].
 
         Where a velocity jumps, it is the one after the jump.
         """
@@ -555,7 +552,7 @@ class Scene:
         return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
 
     def obstacle_sagittas(self, time: Array) -> Array:
-        """Return the largest distances of the obstacles' centres from their chords between the times.
+        """Return interpolation errors of the obstacles' centres between times.
 
         Array, shape (n_times - 1, n_obstacles) [m].
         """
@@ -575,36 +572,36 @@ class Scene:
         return np.asarray(self.spins.any(axis=1))
 
     def turns(self, time: Array) -> Array:
-        """Return the rotation vectors by which obstacles have turned from their orientations in the file.
+        """Return the obstacles' rotation vectors since 0 s.
 
-        Array, shape (n_times, n_obstacles, 3) [rad]; of each obstacle multiples of its spin.
+        Array, shape (n_times, n_obstacles, 3) [rad]; relative to the file, multiples of each obstacle's spin.
         """
         time = self.begins + time
         return self._of_motions(lambda motion: motion.turns(time), (len(time), 3))
 
     def orientations(self, time: Array) -> Array:
-        """Return the orientations of the obstacles' frames; array, shape (n_times, n_obstacles, 4), w x y z."""
+        """Return the obstacles' orientations; array, shape (n_times, n_obstacles, 4), w x y z."""
         first = np.array([in_space(obstacle) for obstacle in self.file.obstacles]).reshape(-1, 4)
         return quaternion_product(exponential(self.turns(time)), np.tile(first, (len(time), 1, 1)))
 
     @cached_property
     def reaches(self) -> Array:
-        """Return the radii of balls about the centres that contain the obstacles; array, shape (n_obstacles,) [m]."""
+        """Return radii about the centres that contain the obstacles; array, shape (n_obstacles,) [m]."""
         reaches = np.zeros(len(self.motions))
         np.maximum.at(reaches, self.owners, self.obstacles[:, sd.REACH])
         return reaches
 
     @cached_property
     def obstacle_speeds(self) -> Array:
-        """Return upper bounds of the speeds of the obstacles' points; array, shape (n_obstacles,) [m/s]."""
+        """Return bounds of the obstacles' speeds; array, shape (n_obstacles,) [m/s]."""
         centers = np.array([0.0 if motion is None else motion.speed for motion in self.motions])
         return centers + np.linalg.norm(self.spins, axis=1) * self.reaches
 
     @cached_property
     def obstacle_kinks(self) -> Array:
-        """Return the times during the movement at which the velocity of an obstacle may jump [s].
+        """Return times [s] at which an obstacle's velocity may jump.
 
-        Sorted array, shape (n_kinks,).
+        Sorted array, shape (n_kinks,), of times during the movement.
         """
         kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
@@ -615,11 +612,11 @@ class Scene:
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
 
     def obstacles_at(self, time: float, centers: Array | None = None) -> Array:
-        """Return the table of the obstacles with their poses at an instant [s].
+        """Return the table of obstacles at an instant [s].
 
         Parameters
         ----------
-        centers : array, shape (n_obstacles, 3), where their centres are, if not where the scene says [m]
+        centers : array, shape (n_obstacles, 3), their centres, if not the scene's [m]
         """
         if not self.moving.any() and centers is None:
             return self.obstacles
@@ -631,17 +628,17 @@ class Scene:
 
     @property
     def speed_limit(self) -> float:
-        """Return the speed limit of every manipulator [m/s], infinite where there is none."""
+        """Return the manipulators' speed limit [m/s], infinite if none."""
         return np.inf if self.file.limits.speed is None else self.file.limits.speed
 
     @property
     def acceleration_limit(self) -> float:
-        """Return the acceleration limit of every manipulator [m/s^2], infinite where there is none."""
+        """Return the manipulators' acceleration limit [m/s^2], infinite if none."""
         return np.inf if self.file.limits.acceleration is None else self.file.limits.acceleration
 
     @property
     def jerk_limit(self) -> float:
-        """Return the jerk limit of every manipulator [m/s^3], infinite where there is none."""
+        """Return the manipulators' jerk limit [m/s^3], infinite if none."""
         return np.inf if self.file.limits.jerk is None else self.file.limits.jerk
 
     @property
@@ -651,12 +648,12 @@ class Scene:
 
     @property
     def load_mass(self) -> float | None:
-        """Return the mass of the load [kg], None where there is no load or its mass is not given."""
+        """Return the payload's mass [kg], None if not given."""
         return None if self.file.load is None else self.file.load.mass
 
     @property
     def turns_as_one(self) -> bool:
-        """Return whether a single body, which turns, is all that moves."""
+        """Return whether a single body that turns is all that moves."""
         return len(self.groups) == 1 and self.groups[0].orientation not in ("none", "fixed")
 
     @cached_property
@@ -674,9 +671,9 @@ class Scene:
 
     @cached_property
     def kept_apart(self) -> tuple[Integers, Array]:
-        """Return the pairs of hands of different groups that must stay apart, and their least distances.
+        """Return pairs of end effectors to separate, and least distances.
 
-        Arrays, shapes (n, 2) and (n,) [m].
+        They are of different groups. Arrays, shapes (n, 2) and (n,) [m].
         """
         apart = [
             c
@@ -688,36 +685,36 @@ class Scene:
 
     @cached_property
     def sampled(self) -> tuple[Constraint, ...]:
-        """Return the constraints that neither coordinates nor distances hold, which a search has to sample."""
+        """Return the constraints that a search has to sample."""
         return tuple(c for c in self.constraints if c.sampled)
 
     @property
     def ends(self) -> Array:
-        """Return the hands at start and goal; array, shape (2, n_manipulators, n_dims) [m]."""
+        """Return the end effectors at both ends; (2, n_manipulators, n_dims) [m]."""
         return np.stack([self.start, self.goal])
 
     def level_with(self, groups: tuple[RigidGroup, ...]) -> list[int]:
-        """Return, for every group of hands, the number of the first group that constraints keep at its height."""
+        """Return for every group the first one constrained to its height."""
         group_of = {hand: g for g, group in enumerate(groups) for hand in group.members}
         pairs = [pair for c in self.constraints for pair in c.level(self.ends)]
         return connected(len(groups), [(group_of[first], group_of[second]) for first, second in pairs])
 
     def are_one_body(self, first: int, second: int) -> bool:
-        """Return whether two hands, by number, belong to one rigid group."""
+        """Return whether two end effectors belong to one rigid group."""
         return any({first, second} <= set(group.members) for group in self.groups)
 
     @cached_property
     def workspace(self) -> tuple[Array, Array]:
-        """Return the workspace as the kernels take it: two arrays, shape (3,).
+        """Return the workspace for kernels: two arrays, shape (3,).
 
         A planar workspace is extended to `FAR` along z.
         """
         return spatial(self.lower, -FAR), spatial(self.upper, FAR)
 
     def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
-        """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
+        """Return a configuration's clearance [m] and the nearest obstacle's name.
 
-        Supports recede from a payload that rests on them; see `comove.model.resting`.
+        Supports recede from a resting payload; see `comove.model.resting`.
 
         Parameters
         ----------
@@ -728,7 +725,7 @@ class Scene:
         return clearance, self.name_of(nearest)
 
     def clearances(self, nodes: Array, time: Array) -> Array:
-        """Return the clearance of many configurations [m]; array, shape (n_steps,).
+        """Return the clearances of many configurations [m]; array, shape (n_steps,).
 
         Parameters
         ----------
@@ -741,9 +738,10 @@ class Scene:
     def nearest_at(
         self, nodes: Array, time: float = 0.0, among: Collection[int] | None = None
     ) -> tuple[float, int]:
-        """Return the clearance [m] of one configuration at an instant, of some obstacles or all, and the nearest one.
+        """Return a configuration's clearance [m] and the nearest obstacle.
 
-        The nearest is -1 where it is the border of the workspace. Supports recede as in `clearance_at`.
+        Only obstacles in `among` count, if given. The nearest is -1 where it is the border of the workspace. Supports
+        recede as in `clearance_at`.
         """
         now = np.array([time])
         offsets = self.offsets(now)[0]
@@ -752,7 +750,7 @@ class Scene:
         return self._nearest(nodes, (offsets, self.turns(now)[0]), among, *self.workspace)
 
     def distance_from(self, obstacle: int, nodes: Array, offset: Array | float = 0.0) -> float:
-        """Return the distance of one configuration from an obstacle that is displaced by `offset` [m]."""
+        """Return a configuration's distance [m] from one displaced obstacle."""
         still = np.zeros((len(self.motions), 3))
         anywhere = np.full(3, -np.inf), np.full(3, np.inf)
         return self._nearest(nodes, (still + offset, still), [obstacle], *anywhere)[0]
@@ -765,9 +763,7 @@ class Scene:
         lower: Array,
         upper: Array,
     ) -> tuple[float, int]:
-        """Return the result of `nearest_at` for obstacles displaced by offsets [m] and turns [rad], each of shape
-        (n_obstacles, 3).
-        """
+        """Return `nearest_at` for obstacles displaced by offsets [m] and turns [rad]."""
         body, own, (offsets, turns) = self.body, self.convex_rows, displaced
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
         table = _placed(self.obstacles[rows], self.owners[rows], self.centers + offsets, turns)
@@ -791,21 +787,20 @@ class Scene:
         return clearance, nearest
 
     def show(self) -> None:
-        """Show the scene in a notebook, or else in a browser; see `comove.show`."""
+        """Show the scene in a notebook or browser; see `comove.show`."""
         comove.show(self)
 
     def _repr_html_(self) -> str:
-        """Return picture and contents for a notebook."""
         return comove.as_html(self)
 
     def owner_of(self, row: int) -> int:
-        """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
+        """Return the obstacle of a table row; keep negative numbers."""
         return int(self.owners[row]) if row >= 0 else int(row)
 
     def name_of(self, obstacle: int) -> str:
         """Return a description of an obstacle.
 
-        -1 is the border of the workspace; numbers beyond the file's are objects that were seen.
+        -1 is the border of the workspace; numbers beyond the file's are tracked objects.
         """
         if obstacle < 0:
             return "the border of the workspace"
@@ -819,7 +814,7 @@ class Scene:
         return 0.0 if end == "start" else self.duration
 
     def nodes_at(self, end: str) -> Array:
-        """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
+        """Return the nodes at an end, shape (n_nodes, 3), [m]."""
         nodes = np.zeros((self.body.n_nodes, 3))
         for group, own in zip(self.groups, self.nodes_of_groups, strict=True):
             nodes[own] = (group.start if end == "start" else group.goal).place(group.points)
@@ -827,7 +822,7 @@ class Scene:
 
     @cached_property
     def nodes_of_groups(self) -> tuple[list[int], ...]:
-        """Return the numbers of the nodes that every rigid group moves: its members, then its corners."""
+        """Return the nodes of every rigid group: members, then corners."""
         found, corner = [], len(self.manipulators)
         for group in self.groups:
             found.append([*group.members, *range(corner, corner + len(group.corners))])
@@ -836,7 +831,7 @@ class Scene:
 
 
 def _placed(table: Array, owners: Integers, centers: Array, turns: Array) -> Array:
-    """Return rows of the table at centres [m] and turned [rad], by obstacle; arrays, shape (n_obstacles, 3)."""
+    """Return table rows at other centres [m] and turns [rad]. Arrays by obstacle have shape (n_obstacles, 3)."""
     table, own = table.copy(), np.flatnonzero(turns[owners].any(axis=1))
     table[:, sd.CENTER : sd.CENTER + 3] = centers[owners]
     if not len(own):  # in most steps of executions
@@ -853,7 +848,7 @@ def _displacements_along(scene: Scene, n_steps: int) -> Displacements:
 
 
 def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
-    """Build a scene, and name keys in errors as the file does."""
+    """Build a scene; name keys in errors as the file does."""
     try:
         return _build(file, folder, path, words)
     except SceneError as error:
@@ -904,7 +899,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
 
 
 def _warn_of_far_grasps(scene: Scene) -> None:
-    """Warn of every grasp that holds nothing."""
+    """Warn of every ineffective grasp."""
     file, place, told = scene.file, "" if scene.path is None else f"{scene.path}: ", dict[str, str]()
     for name, way in np.argwhere(scene.far.T > 0.0).tolist():
         who = file.holders[name]
@@ -922,7 +917,7 @@ def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> d
 
 
 def _resolved(file: SceneFile, start: Array, path: object) -> tuple[Constraint, ...]:
-    """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
+    """Return the file's constraints with numbers and SI units."""
     pose = None if file.load is None else file.load.start
     turned = None if pose is None else matrices(np.array(pose.quaternion_wxyz))
     hands = Hands(file.names, file.holder_numbers, start, turned, file.dimension)
@@ -953,7 +948,7 @@ def _say_shift(end: str, given: Array, moved: Array, names: tuple[str, ...]) -> 
 
 
 def _require_slow_tips(scene: Scene) -> None:
-    """Refuse obstacles that turn so fast that what is far from their axis would be faster than `FASTEST`."""
+    """Raise if points of turning obstacles exceed `FASTEST`."""
     for i in np.flatnonzero(scene.turning & (scene.obstacle_speeds > FASTEST)):
         raise SceneError(
             f"points of the obstacle move at up to {scene.obstacle_speeds[i]:g} m/s",
@@ -964,7 +959,7 @@ def _require_slow_tips(scene: Scene) -> None:
 
 
 def _require_heading(scene: Scene, path: object) -> None:
-    """Refuse a grasp that leaves the load's heading open, as its first two holders are one above the other."""
+    """Raise if the first two holders leave the heading open. They do where one is above the other."""
     if scene.grasp is None or scene.grasp.keypoints or len(scene.grasp.holders) < 2:
         return
     first, second = scene.grasp.holders[:2]
@@ -980,9 +975,9 @@ def _require_heading(scene: Scene, path: object) -> None:
 
 
 def _require_kept_ends(scene: Scene, path: object) -> None:
-    """Refuse a start or goal that misses a constraint; warn where a separation is only just kept.
+    """Raise if an end misses a constraint; warn of small separations.
 
-    Hands of one group are not warned of, as their distance does not change.
+    End effectors of one group cause no warning, as their distance does not change.
     """
     names, ends = scene.manipulators, spatial(scene.ends)
     for i, c in enumerate(scene.constraints):

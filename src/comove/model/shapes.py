@@ -1,4 +1,4 @@
-"""The shapes of a scene as kernels take them: the body of load and hands, the table of obstacles, meshes."""
+"""The shapes of a scene for kernels: body, obstacle table, meshes."""
 
 from __future__ import annotations
 
@@ -51,9 +51,10 @@ FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 @dataclass(frozen=True)
 class MovingBody:
-    """The geometry that must keep clear of obstacles: thickened segments between nodes, and solids.
+    """The geometry that must avoid obstacles: thick segments and solids.
 
-    Nodes are the hands in the order of the manipulators, then the corners of the load.
+    Segments are between nodes. Nodes are the end effectors in the order of the manipulators, then the corners of the
+    payload.
 
     Attributes
     ----------
@@ -73,15 +74,16 @@ class MovingBody:
 
     @property
     def border(self) -> Integers:
-        """Return the nodes at which its edges begin, without the hands, which are points; array, shape (n_edges,)."""
+        """Return the first nodes of edges, without points; shape (n_edges,)."""
         first, second = self.edges.T
         return first[first != second]
 
 
 def read_meshes(file: SceneFile, folder: Path, path: Path | None, words: Words = VERSION_1) -> Meshes:
-    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load".
+    """Return a scene's meshes with their parts of the file.
 
-    Errors name keys of `SceneFile`, warnings those of the file, which `words` are.
+    Keys are numbers of obstacles, or "load". Errors name keys of `SceneFile`, warnings those of the file, given by
+    `words`.
     """
     parts: list[tuple[int | str, str, Obstacle | Load | None]] = [
         (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
@@ -123,7 +125,7 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None, words: Words =
 
 
 def placed(meshes: Meshes, owners: Integers) -> list[Placed]:
-    """Return the meshes of obstacles at their positions at 0 s; `owners` are the obstacles of the table's rows."""
+    """Return the meshes of obstacles at their positions at 0 s. `owners` are the obstacles of the table's rows."""
     return [
         Placed(
             mesh.parts,
@@ -140,9 +142,10 @@ def placed(meshes: Meshes, owners: Integers) -> list[Placed]:
 def body_of(
     file: SceneFile, groups: list[RigidGroup], decomposition: ConvexDecomposition | None = None
 ) -> MovingBody:
-    """Return the body of load and hands: edges of the load between nodes, or its solids, and hands as points.
+    """Return the body of payload and end effectors.
 
-    A hand that is not the end of an edge is a point of its own.
+    It consists of the payload's edges between nodes, or its solids. An end effector that is not the end of an edge is
+    a point of its own.
     """
     load, names, radius = file.load, file.names, 0.0
     edges, radii = list[tuple[int, int]](), list[float]()
@@ -184,13 +187,13 @@ def body_of(
 
 
 def _hulls(decomposition: ConvexDecomposition, first: int) -> list[list[int]]:
-    """Return the nodes of every polytope of a load, of which `first` is that of its first corner."""
+    """Return the nodes of a payload's polytopes, from `first` on."""
     ends = first + np.cumsum([0, *(len(polytope.vertices) for polytope in decomposition.polytopes)])
     return _padded([list(range(a, b)) for a, b in pairwise(ends.tolist())], at_least=N_CORNERS + 1)
 
 
 def _padded(hulls: list[list[int]], at_least: int = 0) -> list[list[int]]:
-    """Return lists of nodes at equal length, by repeating the last one; lists that are no boxes are longer."""
+    """Return lists of nodes padded to equal length, longer than boxes'. The last node is repeated."""
     width = max([at_least, *map(len, hulls)])
     return [own + [own[-1]] * (width - len(own)) for own in hulls]
 
@@ -203,7 +206,7 @@ class CompoundParts(NamedTuple):
     corners : array, shape (n_corners, 3), [m]
     rods : two corners of each rod, and its radius [m]
     hulls : corners of each solid, those of boxes numbered as in `comove.geometry.solids`
-    excess : how far a solid reaches beyond its shape [m]
+    excess : over-approximation error of the solids [m]
     """
 
     corners: Array
@@ -213,7 +216,7 @@ class CompoundParts(NamedTuple):
 
 
 def parts_of(load: PartsLoad) -> CompoundParts:
-    """Return the corners of a payload's shapes; cylinders are held by prisms of `N_SIDES` sides."""
+    """Return the corners of a payload's shapes. Cylinders are contained in prisms of `N_SIDES` sides."""
     corners, rods, hulls, excess = list[Array](), list[tuple[int, int, float]](), list[list[int]](), 0.0
     for part in load.parts:
         first = sum(map(len, corners))
@@ -237,7 +240,7 @@ def parts_of(load: PartsLoad) -> CompoundParts:
 
 
 def box_corners(size: tuple[float, ...]) -> Array:
-    """Return the corners of a box about its centre, numbered as in `comove.geometry.solids`; array, shape (8, 3)."""
+    """Return a box's corners, numbered as in `comove.geometry.solids`; array, shape (8, 3)."""
     sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
     return -0.5 * sides * np.array(size)
 
@@ -245,7 +248,7 @@ def box_corners(size: tuple[float, ...]) -> Array:
 def obstacle_table(
     file: SceneFile, decompositions: dict[int | str, ConvexDecomposition]
 ) -> tuple[Array, Integers]:
-    """Return the table of obstacles, as `comove.geometry.distances` describes it, and the obstacle of each row."""
+    """Return the table of obstacles (`comove.geometry.distances`), and the obstacle of each row."""
     rows: list[Array] = []
     for i, obstacle in enumerate(file.obstacles):
         if isinstance(obstacle, MeshObstacle):
@@ -300,7 +303,7 @@ def in_space(obstacle: Any) -> Array:
 
 
 def inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:
-    """Return which of `points` lie inside the polygon; both arrays of shape (n, 3), the plane is xy."""
+    """Return which points (n, 3) lie inside a polygon in xy."""
     a, b = vertices, np.roll(vertices, -1, axis=0)
     x, y = points[:, None, 0], points[:, None, 1]
     crosses = (a[:, 1] > y) != (b[:, 1] > y)
@@ -310,7 +313,7 @@ def inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:
 
 
 def spatial(vectors: Array, fill: float = 0.0) -> Array:
-    """Return vectors with `fill` appended as third coordinate where they are planar."""
+    """Return planar vectors with `fill` as third coordinate."""
     if vectors.shape[-1] == 3:
         return np.array(vectors, dtype=float)
     return np.concatenate([vectors, np.full((*vectors.shape[:-1], 1), fill)], axis=-1)

@@ -1,4 +1,4 @@
-"""CMA-ES on the augmented Lagrangian, with multipliers from linear models of the population.
+"""CMA-ES on the augmented Lagrangian, with multipliers from linear models.
 
 Samples are ranked by
 
@@ -41,13 +41,13 @@ class AugmentedLagrangian:
     ----------
     penalty : rho_j in units of the curvature
     growth : factor on `penalty` for every earlier run that diverged
-    learning : share of the way to the programme's multipliers that the multipliers go in a generation
+    learning : step of the multipliers towards the programme's in a generation, as a share
     integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
-    adaptation : share of the logarithmic way to their target that the penalties go in a generation
+    adaptation : step of the penalties towards their target in a generation, as a share in logarithms
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
-    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint
-        in a run's first generations; disconnected feasible sets, seen from afar, have no slope
-    early : number of these first generations, in which constraints may still be seen from afar
+    trust : least slope of a constraint's model, in units of its residuals, for the programme to have the constraint
+        in a run's first generations; distant disconnected feasible sets have no slope
+    early : number of these first generations, in which constraints may still be distant
     longest : longest step of the programme, in root-n lengths of the distribution
     far : squared distance a dimension, in units of the distribution, beyond which models are not trusted
     divergence : growth of the curvature over its least value that no converging run shows
@@ -170,7 +170,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         self._penalties *= (target / self._penalties + TINY) ** settings.adaptation
 
     def _with_bounds(self, rows: Array, missed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the programme's constraints, from models and bounds, and which of them are equalities."""
+        """Return constraints and bounds as rows, and which are equalities."""
         start, es = self._start, self._es
         if not start.bounded:
             return rows, missed, start.equality
@@ -181,7 +181,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         return rows, missed, free
 
     def _remember_curvature(self, local: Local, multipliers: Array, stationary: Array) -> None:
-        """Record the Lagrangian's curvature: estimated from the models' residuals, and at least half of its slope."""
+        """Record the Lagrangian's curvature from the models' residuals; at least half of its slope."""
         n = len(stationary)
         residual = np.abs(local.residual[:, -1] + local.residual[:, :-1] @ multipliers)
         bent = 1.4826 * local.inflation * np.median(residual) / np.sqrt(n / 2)
@@ -191,7 +191,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         del self._curvatures[: -self._memory]
 
     def _sound(self, local: Local) -> bool:
-        """Return whether models, curvature, multipliers and penalties are finite, so that the run can continue."""
+        """Return whether the models and the multipliers are finite."""
         numbers = local.slope.ravel(), self._curvatures[-1:], self._multipliers, self._penalties
         return bool(self._curvatures) and all(np.isfinite(x).all() for x in numbers)
 
@@ -201,7 +201,7 @@ class AugmentedLagrangianRun(OptimiserRun):
 
     @np.errstate(over="ignore", invalid="ignore")
     def _lagrangian(self, objective: Array, constraints: Array) -> Array:
-        """Compute L at points; arrays, shapes (n_points,), (n_points, m) -> (n_points,); infinite if not finite."""
+        """Compute L at points, infinite if not finite; array, shape (n_points,)."""
         mu, rho = self._multipliers, self._penalties
         h = constraints - self._shift
         active = self._start.equality | (mu + rho * h > 0)
@@ -212,7 +212,7 @@ class AugmentedLagrangianRun(OptimiserRun):
     # --- The programme's step, repaired ---
 
     def _propose(self) -> None:
-        """Take the programme's step or, in every other generation, the best sample, and begin to make it feasible."""
+        """Begin to repair the programme's step or, alternately, the best sample."""
         if self._es.generation % 2:
             self._origin = self._es.z[np.argmin(self._values)]
         else:
@@ -263,7 +263,6 @@ class AugmentedLagrangianRun(OptimiserRun):
         self._finish()
 
     def _finish(self) -> None:
-        """End the generation."""
         es = self._es
         es.tell(self._values)
         self._end_generation(self._values)

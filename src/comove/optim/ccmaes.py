@@ -1,4 +1,4 @@
-"""Constrained CMA-ES: fading records of violated constraints shorten the steps towards them.
+"""Constrained CMA-ES, with records of violated constraints.
 
 The paper, section III-A, equations (5) and (6), after Arnold and Hansen, "A (1+1)-CMA-ES for constrained
 optimisation" (2012), extended to (mu/mu, lambda) selection. Samples that violate constraints each shorten the
@@ -12,9 +12,9 @@ Forms of the reduction, for a sample x = m + sigma A z that violates a_0 constra
 - `FactorForm`: A <- A - beta/a_0 sum_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j (Arnold and Hansen, 2012), which
   keeps the bracket's eigenvalues at 1 - beta or more. Records are transformed along with A: v_j <- A' A^-1 v_j.
   Without that (`StaleForm`), steps recorded before a reduction are too long in the direction that it shortens. The
-  records then turn towards this direction more and more, and it is shortened again whatever is violated now. With one
-  sample per iteration, as in Arnold and Hansen, records fade faster than this effect grows; with a population that is
-  drawn repeatedly they do not.
+  records then turn towards this direction more and more, and it is shortened again, no matter which constraint is
+  violated. With one sample per iteration, as in Arnold and Hansen, records fade faster than this effect grows; with a
+  population that is drawn repeatedly they do not.
 - `MatrixForm`: the same with records u_j of z itself, M <- M - beta/a_0 sum_j (M u_j) u_j^T / |u_j|^2: it needs
   neither inverse nor decomposition, as M is learned by MA-ES.
 - `NoForm`: no reduction; samples that violate constraints are drawn again from the same distribution.
@@ -64,10 +64,10 @@ class ReducibleCovariance(Covariance, Protocol):
     """A covariance that can be reduced towards recorded directions."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """Shorten the distribution along records (m, n) by shares (m,); return the records to go on with."""
+        """Shorten the distribution along records (m, n) by shares (m,); return new records."""
 
     def record(self, z: Array, y: Array) -> Array:
-        """Return what is recorded of samples (n_samples, n) and their steps: the one or the other."""
+        """Return samples or steps, as recorded; array, shape (n_samples, n)."""
 
 
 class NoForm(FullCovariance):
@@ -78,7 +78,7 @@ class NoForm(FullCovariance):
         return records
 
     def record(self, z: Array, y: Array) -> Array:
-        """Return the quantity to be recorded: the steps."""
+        """Return the steps."""
         return y
 
 
@@ -86,7 +86,7 @@ class PrintedForm(NoForm):
     """Equation (6) exactly as printed, which acts on the covariance matrix."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """Reduce C <- C - sum_j share_j v_j v_j^T / |v_j|^2; raises LinAlgError once C is not positive definite."""
+        """Reduce C <- C - sum_j share_j v_j v_j^T / |v_j|^2. Raises LinAlgError once C is not positive definite."""
         hit = shares > 0
         steps, shares = records[hit], shares[hit]
         lengths = (steps**2).sum(axis=1)
@@ -99,10 +99,10 @@ class PrintedForm(NoForm):
 
 
 class FactorForm(NoForm):
-    """The reduction that acts on a factor A of the covariance (Arnold and Hansen, 2012), with transformed records."""
+    """The reduction of a factor A of the covariance, with transformed records. From Arnold and Hansen (2012)."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """Reduce A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j; return the new records."""
+        """Reduce A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j); return new records. w_j = A^-1 v_j."""
         if self._age > 0:  # what was learned since A was last made
             self._decompose()
         whitened, hit = self.whitened(records), shares > 0
@@ -123,7 +123,7 @@ class StaleForm(FactorForm):
 
 
 class MatrixForm(TransformationMatrix):
-    """The reduction that acts on the transformation matrix, with records in the space of z."""
+    """The reduction of the transformation matrix, with records of samples z."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
         """Reduce M <- M - sum_j share_j (M u_j) u_j^T / |u_j|^2; return the records."""
@@ -134,13 +134,13 @@ class MatrixForm(TransformationMatrix):
         return records
 
     def record(self, z: Array, y: Array) -> Array:
-        """Return the quantity to be recorded: the samples before scaling."""
+        """Return the samples before scaling."""
         return z
 
 
 @dataclass(frozen=True)
 class CCMAES:
-    """Constrained CMA-ES, a method for constraints that give little more information than whether they are met.
+    """Constrained CMA-ES for constraints that reveal little beyond feasibility.
 
     Attributes
     ----------
@@ -256,7 +256,7 @@ class CCMAESRun(OptimiserRun):
             self._stall()
 
     def _stall(self) -> None:
-        """Undo the reductions of a generation without feasible samples, go to the least violation, widen bands."""
+        """Undo the generation's reductions, widen bands, and learn from the violation."""
         self._stalled += 1
         if self._stalled >= self.settings.stalls:
             self.reason = Reason.STALLED
@@ -277,7 +277,7 @@ class CCMAESRun(OptimiserRun):
         self._ask_open()
 
     def _begin_bands(self, constraints: Array) -> None:
-        """Set bands and boundaries such that half of the first samples lie inside."""
+        """Set bands and boundaries to hold half of the first samples."""
         equality, tolerance = self._start.equality, self._start.tolerance
         finite = np.where(np.isfinite(constraints), constraints, np.inf)
         self.bands = np.where(equality, np.maximum(np.median(np.abs(finite), axis=0), tolerance), 0.0)
@@ -294,7 +294,7 @@ class CCMAESRun(OptimiserRun):
         return np.where(np.isnan(missed), np.inf, missed)
 
     def _learn(self, samples: NDArray[np.intp], violated: NDArray[np.bool_]) -> None:
-        """Apply equations (5) and (6) for all violating samples at once, in their order."""
+        """Apply equations (5) and (6) for all violating samples, in order."""
         es, n = self._es, len(self._es.mean)
         settings = self.settings.reduction
         fading, size = settings.fading / (n + 2), settings.size / (n + 2)
@@ -337,7 +337,7 @@ class CCMAESRun(OptimiserRun):
         self._end_generation(values)
 
     def _shrink(self, best: NDArray[np.intp]) -> None:
-        """Move boundaries to zero with the best samples, and bands to the tolerance while samples lie inside."""
+        """Move boundaries towards zero and bands towards the tolerance."""
         assert self.bands is not None and self.boundaries is not None
         if not self._viable:
             signed = np.where(self._start.equality, 0.0, np.maximum(self._values[best], 0.0)).max(axis=0)
@@ -361,7 +361,7 @@ class CCMAESRun(OptimiserRun):
 
 
 class PrintedCCMAES:
-    """Algorithm 1 of the paper with its equations (3), (5) and (6), line by line, without any addition.
+    """Algorithm 1 of the paper, exactly with equations (3), (5), (6).
 
     Samples are drawn again until none violates a constraint; then the distribution is adapted.
 
@@ -411,7 +411,7 @@ class PrintedCCMAES:
         return self.samples[drawn]
 
     def constrain(self, points: Array, violated: NDArray[np.bool_]) -> None:
-        """Update the records, equation (5), and the covariance, equation (6), point by point.
+        """Update records and covariance, equations (5) and (6), point by point.
 
         Parameters
         ----------
@@ -427,7 +427,7 @@ class PrintedCCMAES:
             self.covariance -= self.size / a.sum() * unit.T @ unit
 
     def adapt(self, values: Array) -> None:
-        """Carry out lines 6 to 11 with the values J(w_k), which are to be minimised; array, shape (K,)."""
+        """Perform lines 6 to 11 with values J(w_k), shape (K,), to minimise."""
         p = self.parameters
         alpha = p.weights[: p.mu]
         rho = 1.0 / np.sqrt((alpha**2).sum())

@@ -1,4 +1,4 @@
-"""CMA-ES (Algorithm 1 of the paper): its constants, three models of the covariance, and the search itself.
+"""CMA-ES (Algorithm 1 of the paper) with three models of the covariance.
 
 All models turn standard normal samples z into steps y = A z with covariance A A^T, and learn from ranked samples.
 """
@@ -16,7 +16,7 @@ from comove.errors import OptionError
 
 @dataclass(frozen=True)
 class Parameters:
-    """Constants of one CMA-ES run (Algorithm 1 of the paper; Hansen's tutorial, arXiv 1604.00772, table 1).
+    """Constants of one CMA-ES run. See Hansen's tutorial, arXiv 1604.00772, table 1.
 
     Attributes
     ----------
@@ -96,12 +96,12 @@ class Parameters:
 
     @property
     def expected_length(self) -> float:
-        """Return the mean length of a standard normal vector, E|N(0, I)|, to third order."""
+        """Return E|N(0, I)|, the mean length of a sample, to third order."""
         return np.sqrt(self.n) * (1 - 1 / (4 * self.n) + 1 / (21 * self.n**2))
 
     @property
     def lazy_gap(self) -> int:
-        """Return the number of generations for which a decomposition of the covariance remains accurate enough."""
+        """Return the number of generations between decompositions of the covariance."""
         return max(1, int(0.5 / (self.n * (self.c_1 + self.c_mu) + 1e-23)))
 
 
@@ -123,7 +123,7 @@ class Covariance(Protocol):
         """Update from samples and their steps, best first; arrays, shape (population, n)."""
 
     def standard_deviations(self) -> Array:
-        """Return the standard deviations of the steps along the axes of the search space; array, shape (n,)."""
+        """Return the steps' standard deviations along the axes; array, shape (n,)."""
 
     def axis_ratio(self) -> float:
         """Return the ratio of the longest to the shortest principal axis."""
@@ -147,7 +147,7 @@ class Path:
 
 
 class FullCovariance:
-    """A covariance matrix that is decomposed only as often as it changes noticeably.
+    """A covariance matrix, decomposed only when it has changed noticeably.
 
     Algorithm 1 of the paper, line 11. A is the symmetric root of the covariance.
 
@@ -204,7 +204,7 @@ class FullCovariance:
 
 
 class DiagonalCovariance:
-    """A covariance that has variances along the axes only (Ros and Hansen, 2008): for large or well-scaled spaces.
+    """A covariance of variances along the axes only. Suits large or well-scaled spaces (Ros and Hansen, 2008).
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ class DiagonalCovariance:
 
 
 class TransformationMatrix:
-    """A covariance whose factor A itself is learned, without any decomposition (MA-ES; Beyer and Sendhoff, 2017).
+    """A covariance that learns its factor A, without decompositions. It is MA-ES (Beyer and Sendhoff, 2017).
 
     Parameters
     ----------
@@ -275,10 +275,10 @@ class TransformationMatrix:
 
 
 class CMAES:
-    """A minimiser by covariance matrix adaptation, without constraints and without a stopping rule.
+    """A minimiser by covariance matrix adaptation, without constraints or stopping rule.
 
-    Equations are Algorithm 1's of the paper (after Hansen, arXiv 1604.00772). Objects may be copied and
-    pickled between any two calls, and continue with exactly the same samples.
+    Equations are Algorithm 1's of the paper (after Hansen, arXiv 1604.00772). Objects may be copied and pickled
+    between any two calls, and continue with exactly the same samples.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ class CMAES:
 
     Attributes
     ----------
-    guests : points that still wait to take part; array, shape (n_points, n)
+    guests : points that wait for a generation; array, shape (n_points, n)
 
     Raises
     ------
@@ -323,7 +323,7 @@ class CMAES:
         self.guests = np.zeros((0, n))
 
     def ask(self) -> Array:
-        """Draw the samples of a generation (line 4); array, shape (population, n). The first are guests, if any."""
+        """Draw the samples of a generation (line 4); array, shape (population, n). Points invited come first."""
         population = self.parameters.population
         self.z = self.rng.standard_normal((population, len(self.mean)))
         self.y = self.covariance.scaled(self.z)
@@ -335,11 +335,11 @@ class CMAES:
         return x
 
     def invite(self, points: Array) -> None:
-        """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
+        """Replace samples of the next generations by points, (n_points, n)."""
         self.guests = np.concatenate([self.guests, points])
 
     def whitened(self, x: Array) -> Array:
-        """Return points in units z of the distribution, (x - mean) = sigma A z; arrays, shape (n_points, n)."""
+        """Return points in units z of the distribution; arrays, shape (n_points, n). x = mean + sigma A z."""
         return self.covariance.whitened((x - self.mean) / self.sigma)
 
     def standard_deviations(self) -> Array:
@@ -347,7 +347,7 @@ class CMAES:
         return self.sigma * self.covariance.standard_deviations()
 
     def inject(self, index: int, x: Array) -> None:
-        """Replace a sample by another point, moved closer if samples are rarely as far away (Hansen, 2011)."""
+        """Replace a sample by a point, shortened to usual lengths (Hansen, 2011)."""
         z = self.whitened(x[None])[0]
         root = np.sqrt(len(z))
         z *= min(1.0, (root + 2 * root / (len(z) + 2)) / (np.linalg.norm(z) + 1e-300))
@@ -355,7 +355,7 @@ class CMAES:
         self.y[index] = self.covariance.scaled(z[None])[0]
 
     def tell(self, values: Array) -> None:
-        """Learn from the samples' values (lines 6 to 11), array of shape (population,); NaN ranks last."""
+        """Learn from the samples' values, shape (population,); NaN ranks last. These are lines 6 to 11."""
         p, path = self.parameters, self.path
         order = np.argsort(np.where(np.isnan(values), np.inf, values), kind="stable")
         z, y = self.z[order], self.y[order]
@@ -379,7 +379,7 @@ class CMAES:
 
 
 def check_start(mean: object, sigma: object) -> tuple[Array, float]:
-    """Return the first mean as a new array and the first step size, after checking both."""
+    """Check the first mean and step size; return the mean as an array."""
     start = numbers(mean)
     if start.ndim != 1 or not len(start) or not np.isfinite(start).all():
         raise OptionError("the first mean must be a vector of finite numbers", key="x0")
@@ -397,7 +397,7 @@ def numbers(values: object) -> Array:
 
 
 def check_number(key: str, value: object, least: float, most: float = np.inf) -> None:
-    """Raise an `OptionError` unless a value is a finite number between the least and the largest one."""
+    """Raise `OptionError` unless a value is finite and between two bounds."""
     if not _finite(value) or not least <= value <= most:  # type: ignore[operator]
         allowed = f"{least:g} or more" if most == np.inf else f"between {least:g} and {most:g}"
         raise OptionError(f"{key} = {value!r}", way_out=f"give a finite number, {allowed}")
@@ -415,6 +415,6 @@ def _finite(value: object) -> bool:
 
 
 def check_whole(key: str, value: object, least: int) -> None:
-    """Raise an `OptionError` unless a value is a whole number, and not below the least one."""
+    """Raise `OptionError` unless a value is an integer, `least` or more."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise OptionError(f"{key} = {value!r}", way_out=f"give a whole number, {least} or more")

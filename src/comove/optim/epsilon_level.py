@@ -20,7 +20,7 @@ from comove.optim.models import LinearModel
 
 @dataclass(frozen=True)
 class EpsilonLevel:
-    """Epsilon-level ranking with repair, which is robust for rough constraints but else slower than the Lagrangian.
+    """Epsilon-level ranking with repair: robust for rough constraints, else slower than the Lagrangian.
 
     Attributes
     ----------
@@ -101,14 +101,13 @@ class EpsilonLevelRun(OptimiserRun):
             self._wait(Request(self._x, objective=True, known=self._values), self._objective_told)
 
     def _jacobian(self) -> Array | None:
-        """Return the slopes of the constraints in the space of x, array, shape (m, n); None for too few points."""
+        """Return the constraints' slopes in x, shape (m, n), or None. There must be three points at least."""
         if len(self._model) < 3:
             return None
         local = self._model.around_mean(self._es)
         return local.slope @ self._shape.inverse_root / self._es.sigma
 
     def _total(self, constraints: Array) -> Array:
-        """Return the sum of violations of every point; array, shape (n_points,)."""
         return self._start.violation(constraints).sum(axis=1)
 
     def _objective_told(self, objective: Array, _: Array | None) -> None:
@@ -126,7 +125,7 @@ class EpsilonLevelRun(OptimiserRun):
 
 
 def corrections(slope: Array, missed: Array) -> Array:
-    """Compute J^+ v per row of violations, J of the violated constraints only; array, shape (n_points, n).
+    """Compute J^+ v per row of violations; array, shape (n_points, n). J has the violated constraints only.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Base of all methods of constrained minimisation: a method starts runs, and a run is asked and told."""
+"""Base classes of constrained minimisation: methods, and runs asked and told."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VALUELESS = 10  # generations in a row without any value, after which a run ends
 
 
 class Reason(Enum):
-    """Reason for the end of a run or of the whole search; the value describes it and gives advice."""
+    """The reason for the end of a run or search. The value describes it and gives advice."""
 
     CONVERGED = (
         "the steps or the differences between samples are below the tolerance; restarts may find better"
@@ -53,7 +53,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Start:
-    """Holds the input of a run.
+    """The input of a run.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Start:
 
 
 class AskAndTell:
-    """A process that waits with a request until it is told the values; may be copied and pickled at any time."""
+    """A process that requests values and is told them. It may be copied and pickled at any time."""
 
     _request: Request | None = None
     _then: Callable[[Any, Any], None]  # each takes what its request asked for
@@ -111,11 +111,10 @@ class AskAndTell:
         raise NotImplementedError
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Receive the values at the points of the last request; arrays, shapes (n_points,) and (n_points, m)."""
+        """Process the values at the requested points; shapes (n_points,), (n_points, m)."""
         self._then(objective, constraints)
 
     def _wait(self, request: Request, then: Callable[[Any, Any], None]) -> None:
-        """Wait for the values of `request`, and call `then` with them."""
         self._request, self._then = request, then
 
     def _next(self) -> None:
@@ -123,7 +122,7 @@ class AskAndTell:
 
 
 class OptimiserRun(AskAndTell):
-    """One run of CMA-ES under a method, from its start until it has a reason to end.
+    """One run of CMA-ES under a method, until a reason to end.
 
     Parameters
     ----------
@@ -162,15 +161,15 @@ class OptimiserRun(AskAndTell):
 
     @property
     def guests(self) -> Array:
-        """Return the points that still wait to take part; array, shape (n_points, n)."""
+        """Return the points that wait for a generation; array, shape (n_points, n)."""
         return self._es.guests
 
     def invite(self, points: Array) -> None:
-        """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
+        """Replace samples of the next generations by points, (n_points, n)."""
         self._es.invite(points)
 
     def _teaches(self, known: bool) -> bool:
-        """Return whether a generation has values to learn from; otherwise draw it again, some times in a row."""
+        """Return whether values are finite; otherwise draw the generation again."""
         self._valueless = 0 if known else self._valueless + 1
         if self._valueless >= VALUELESS:
             self.reason = Reason.NOT_FINITE
@@ -179,7 +178,7 @@ class OptimiserRun(AskAndTell):
         return known
 
     def _end_generation(self, values: Array) -> None:
-        """Go on after a generation with these values, array (population,), unless there is a reason to end."""
+        """Begin the next generation unless there is a reason to end."""
         es = self._es
         self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
         if self.reason is None:
@@ -212,7 +211,7 @@ class Patience:
     spreads: list[float] = field(default_factory=list)
 
     def reason(self, deviations: Array, axis_ratio: float, values: Array) -> Reason | None:
-        """Return the reason to end after a generation with these values, array of shape (population,), or None."""
+        """Return the reason to end after values, shape (population,), or None."""
         finite = values[np.isfinite(values)]
         self.spreads.append(spread(finite) if len(finite) > 1 else np.inf)
         del self.spreads[: -3 * self.window]

@@ -1,4 +1,4 @@
-"""A whole search, by `minimise` or by asking and telling a `Minimiser`: runs of a method, restarts, best point."""
+"""A whole search: runs of a method, restarts, and the best point."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ HUGE = 1e100  # finite values beyond are told to methods as this: products of th
 
 @dataclass(frozen=True)
 class Result:
-    """Holds the result of a search.
+    """The result of a search.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def minimise(
     x0, sigma0, equality, tolerance, bounds, method, restarts, population, covariance, seed
         As in `Minimiser`.
     injected
-        Points that take part in the first generations, such as guesses; array, shape (n_points, n).
+        Points of the first generations, such as guesses; array, shape (n_points, n).
     target
         Objective value at which the search ends, as soon as a feasible point is at least as good.
     max_evaluations
@@ -175,7 +175,7 @@ def minimise(
 def _answers(
     search: Minimiser, request: Request, objective: Callable, h: Callable
 ) -> tuple[Array | None, Array | None]:
-    """Return the values that a search asks for; an exception of a function takes the search along."""
+    """Return the requested values; attach the search to exceptions."""
     try:
         values = objective(request.x.copy()) if request.objective else None
         missed = h(request.x.copy()) if request.constraints else None
@@ -190,9 +190,7 @@ def _answers(
 
 
 class Minimiser:
-    """A constrained minimiser that asks for values and is told them.
-
-    Copies and pickles continue with exactly the same samples.
+    """A constrained minimiser that is asked and told. Copies and pickles continue with exactly the same samples.
 
     Parameters
     ----------
@@ -206,9 +204,8 @@ class Minimiser:
         Which of them are equalities, h = 0; none by default.
     tolerance : float
         Largest absolute value of an equality that counts as met.
-    bounds : pair of arrays, each of shape (n,) or a number
-        Lowest and highest x; no point outside is ever requested. A variable whose bounds are equal is fixed: the
-        search knows nothing of it.
+    bounds : pair of arrays, each of shape (n,) or a number Lowest and highest x; no point outside is ever requested.
+        A variable whose bounds are equal is fixed: the search omits it.
     method : ConstrainedMethod
         By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts
@@ -288,7 +285,7 @@ class Minimiser:
         return request if self._free.all() else replace(request, x=self._whole(request.x))
 
     def inject(self, points: object) -> None:
-        """Let points take the place of samples in the next generation, or as many generations as they fill.
+        """Replace samples of the next generations by points.
 
         They are evaluated as they are; the distribution learns from them as if they were no farther away than samples
         usually are (Hansen, 2011).
@@ -319,9 +316,10 @@ class Minimiser:
             self._invite()
 
     def change_bounds(self, bounds: tuple[object, object] | None) -> None:
-        """Go on within other bounds: with the samples' distribution as it is, its mean moved inside.
+        """Continue within other bounds, keeping the samples' distribution.
 
-        The best point so far is forgotten if it lies outside. Variables may become fixed, or free again.
+        Its mean is moved inside. The best point so far is forgotten if it lies outside. Variables may become fixed,
+        or free again.
 
         Raises
         ------
@@ -367,7 +365,7 @@ class Minimiser:
             self._guests = self._guests[:0]
 
     def tell(self, objective: Array | None = None, constraints: Array | None = None) -> None:
-        """Receive the values at the points of the last request.
+        """Process the values at the points of the last request.
 
         Parameters
         ----------
@@ -444,12 +442,12 @@ class Minimiser:
         self._invite()
 
     def _count_start(self, constraints: Array) -> None:
-        """Count an evaluation of the constraints at the start, array of shape (n_constraints,)."""
+        """Count an evaluation of the constraints at the start."""
         self.n_constraint += len(constraints) > 0
         self._finite_constraints |= bool(np.isfinite(constraints).all())
 
     def check_finite(self) -> None:
-        """Raise `OptionError` if values were told and none of them was ever finite."""
+        """Raise `OptionError` if values were told but none was finite."""
         if self.n_constraint and not self._finite_constraints:
             raise OptionError(
                 f"no constraint value of {self.n_constraint} points was finite ({SIGN})",
@@ -485,7 +483,6 @@ class Minimiser:
         self._begin(following, np.clip(x, self._lower, self._upper))
 
     def _drawn(self, normal: Array) -> Array:
-        """Return a step of the first covariance from standard normal numbers; arrays, shape (n,)."""
         return np.linalg.cholesky(self._covariance) @ normal if self._shaped else normal
 
     def _remember(self, request: Request, objective: Array | None, constraints: Array | None) -> None:
@@ -511,7 +508,7 @@ class Minimiser:
 
 
 def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
-    """Return a copy of the told values, after a check of their shape."""
+    """Return a copy of the told values, checked for their shape."""
     meaning = f" ({SIGN})" if name == "constraints" else ""
     try:
         told = np.array(values)
@@ -534,12 +531,12 @@ def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _moderate(values: Array) -> Array:
-    """Limit finite values to `HUGE` in absolute value, so that products of them do not overflow."""
+    """Limit finite values to `HUGE`, so that their products do not overflow."""
     return np.where(np.isfinite(values), np.clip(values, -HUGE, HUGE), values)
 
 
 def _checked_bounds(bounds: tuple[object, object] | None, n: int) -> tuple[Array, Array]:
-    """Return the lowest and highest x as arrays, shape (n,), infinite where there is no bound."""
+    """Return the bounds of x as arrays, shape (n,), infinite where open."""
     try:
         ends = (np.asarray(bound, dtype=np.float64) for bound in bounds or (-np.inf, np.inf))
         lower, upper = (np.broadcast_to(bound, (n,)).copy() for bound in ends)
@@ -567,7 +564,7 @@ def _free(lower: Array, upper: Array, method: object) -> NDArray[np.bool_]:
 
 
 def _tell_outside(x0: Array, lower: Array, upper: Array) -> None:
-    """Warn if the first mean lies outside the bounds; names the worst variable."""
+    """Warn if the first mean lies outside the bounds."""
     away = np.maximum(lower - x0, x0 - upper)
     i = int(np.argmax(away))
     if away[i] > 0 and lower[i] < upper[i]:
@@ -580,7 +577,7 @@ def _tell_outside(x0: Array, lower: Array, upper: Array) -> None:
 
 
 def _checked_covariance(covariance: object, n: int) -> Array:
-    """Return the first covariance as a symmetric, positive definite array, shape (n, n)."""
+    """Return the first covariance, checked, as a matrix of shape (n, n)."""
     matrix = np.eye(n) if covariance is None else numbers(covariance)
     matrix = np.diag(matrix) if matrix.shape == (n,) else matrix
     good = matrix.shape == (n, n) and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9)
@@ -609,7 +606,7 @@ def _no_constraints(x: Array) -> Array:
 
 
 class _Others:
-    """The processes that work for this one: `seconds` is their processor time [s]."""
+    """Other processes that evaluate: `seconds` is their processor time [s]."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -624,7 +621,7 @@ class _Others:
 
 
 def _timed(function: Callable, x: Array) -> tuple[int, float, Any]:
-    """Return which process computed a value, in which processor time [s], and the value."""
+    """Return the process, its processor time [s], and the value."""
     begun = time.process_time()
     value = function(x)
     return os.getpid(), time.process_time() - begun, value

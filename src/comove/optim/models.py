@@ -1,4 +1,4 @@
-"""Linear models of objective and constraints, learned from the points evaluated by the search."""
+"""Linear models of objective and constraints, learned from evaluated points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNKNOWN = 1e-200  # slopes below are no slopes
 
 @dataclass(frozen=True)
 class Local:
-    """Linear models around the mean of a distribution, in its own units z: value + slope z.
+    """Linear models, value + slope z, in units z of the distribution.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Local:
 
 
 class LinearModel:
-    """A linear model whose slopes are corrected in each generation, as little as explains the newest points.
+    """A linear model whose slopes change least to explain new points.
 
     A block form of Broyden's update (1965) in the metric of the search distribution: the slope stays in directions
     about which the newest points give no information. Picklable.
 
     Parameters
     ----------
-    n, n_outputs : numbers of variables and of what is modelled
+    n, n_outputs : numbers of variables and of modelled outputs
     capacity : number of points that are stored
     near : squared distance a dimension, in units of the distribution, at which a point counts half
     rank : share of the largest singular value below which others carry no slope
@@ -102,9 +102,9 @@ class LinearModel:
 
 
 def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Return finite bounds as constraints c + G z <= 0, for x = mean + root z.
+    """Return finite bounds as constraints c + G z <= 0.
 
-    The rows G have unit length; c holds the violations at the mean.
+    x = mean + root z. The rows G have unit length; c holds the violations at the mean.
     """
     length = np.sqrt((root**2).sum(axis=1))
     unit = root / length[:, None]
@@ -115,7 +115,7 @@ def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Ar
 
 @kernel
 def nearest_feasible(rows: Array, missed: Array, free: NDArray[np.bool_]) -> Array:
-    """Compute the multipliers l of the shortest step d = -G^T l onto {z : c + G z <= 0}.
+    """Compute multipliers l of the shortest step d = -G^T l. The step leads onto {z : c + G z <= 0}.
 
     The dual of a least-distance programme is solved by the active-set method of Lawson and Hanson (1974), slightly
     regularised so that contradicting constraints give a compromise.

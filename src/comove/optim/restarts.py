@@ -1,4 +1,4 @@
-"""Rules that decide when and how a search restarts after a run has ended."""
+"""Rules for restarts after a run has ended."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST = 10_000  # samples a generation
 
 @dataclass(frozen=True)
 class Setting:
-    """Settings of a run in which it differs from the first.
+    """Settings of a run that differ from the first run's.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that has ended: its setting, its samples per generation, and its cost in evaluations."""
+    """An ended run: its setting, population, and number of evaluations."""
 
     setting: Setting
     population: int
@@ -42,7 +42,7 @@ class Restarts(Protocol):
     """A rule that decides on the next run."""
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """Return the setting of the next run after these, or None to end."""
+        """Return the setting of the next run, or None to end."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class NoRestarts:
 
 @dataclass(frozen=True)
 class IPOP:
-    """The rule that every run has more samples per generation than the one before (Auger and Hansen, 2005).
+    """Restarts with ever larger populations (Auger and Hansen, 2005).
 
     Attributes
     ----------
@@ -85,7 +85,9 @@ class IPOP:
 
 @dataclass(frozen=True)
 class BIPOP:
-    """The rule that large populations alternate with small ones of small steps, at equal cost (Hansen, 2009).
+    """Restarts that alternate large and small populations (Hansen, 2009).
+
+    Both kinds cost the same; small ones take small steps.
 
     Attributes
     ----------
@@ -112,7 +114,7 @@ class BIPOP:
         check_whole("limit", self.limit, 0)
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """Return a setting of the kind, large or small, that has cost less so far; None at the limit."""
+        """Return a setting of the cheaper kind so far, or None."""
         if len(ended) > self.limit:
             return None
         first = ended[0].population

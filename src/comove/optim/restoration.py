@@ -33,7 +33,9 @@ SETTINGS = RestorationSettings()
 
 
 class Restoration(AskAndTell):
-    """A search for a feasible point by the shortest steps d with h(x) + J d <= 0; it is asked and told like a run.
+    """A search for a feasible point by Gauss-Newton steps.
+
+    Each is the shortest d with h(x) + J d <= 0. It is asked and told like a run.
 
     Slopes are finite differences.
 

@@ -1,4 +1,4 @@
-"""The simple methods: without constraints, with a projection supplied by the user, or with a static penalty."""
+"""Simple methods: without constraints, by projection, or by a static penalty."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from comove.optim.method import OptimiserRun, Request, Start, spread
 
 @dataclass(frozen=True)
 class Plain:
-    """CMA-ES without constraints, which keeps bounds by a penalty on the distance to the nearest point inside.
+    """CMA-ES without constraints. Bounds hold by a penalty on the distance to the nearest point inside.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Plain:
 
 @dataclass(frozen=True)
 class Penalty:
-    """CMA-ES that minimises f + weight * sum of squared violations: simple, inexact, and scale-dependent.
+    """CMA-ES with a static penalty on squared violations. It is simple, inexact, and depends on scales.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Penalty:
 
 @dataclass(frozen=True)
 class ProjectionRepair:
-    """CMA-ES whose samples are projected onto the feasible set by a function of the user.
+    """CMA-ES that projects its samples by a function of the user.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Affine:
 
 
 class PlainRun(OptimiserRun):
-    """One run of CMA-ES in which the values are known once the samples are evaluated."""
+    """One run of CMA-ES that evaluates each sample once."""
 
     def __init__(
         self, start: Start, settings: Plain, project: Callable[[Array], Array] | None, weight: float

@@ -1,4 +1,4 @@
-"""Results in folders, which are written as a whole, sealed by checksums, and can be verified anew."""
+"""Result folders: written as a whole, sealed by checksums, verified anew."""
 
 from typing import TYPE_CHECKING
 

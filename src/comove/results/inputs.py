@@ -1,6 +1,7 @@
-"""Inputs of a result, kept in its folder, so that it can be moved, inspected and repeated elsewhere.
+"""Inputs of a result, kept in its folder.
 
-Files keep their places relative to each other, below `FOLDER`; `LIST` says where they came from, and the command.
+The folder can thus be moved, inspected and repeated elsewhere. Files keep their places relative to each other, below
+`FOLDER`; `LIST` holds their origins and the command.
 """
 
 from __future__ import annotations
@@ -36,12 +37,12 @@ def write_inputs(
     command: Words = (),
     made: Mapping[Path, bytes] = MappingProxyType({}),
 ) -> None:
-    """Copy what a result was made from into its folder, with the command that makes it again.
+    """Copy the inputs of a result into its folder, with its command.
 
     Parameters
     ----------
     folder : result folder, which exists
-    scene : scene that was solved; its file is copied, and every file that it names. None where `files` say it all
+    scene : scene that was solved; its file is copied, and every file that it names. None where `files` are complete
     files : further files and folders, such as a robot's description and models
     command : words after ``comove``; paths that exist are files that were read. Empty for results made in Python
     made : contents of files that are nowhere yet, by the paths at which they would be
@@ -83,12 +84,12 @@ def write_inputs(
 
 
 def place_of_scene(scene: Scene) -> Path:
-    """Return the path of a scene's file, or that which the file of a scene made in Python would have."""
+    """Return the path of a scene's file. For a scene made in Python it is the one that its file would have."""
     return _whole(scene.folder / ("scene.json" if scene.path is None else scene.path.name))
 
 
 def files_of_scene(scene: Scene) -> list[Path]:
-    """Return the files and folders that a scene names, but the description of its robot."""
+    """Return the files that a scene names, except its robot's description."""
     parts = [*scene.file.obstacles, scene.file.load, scene.file.demonstration]
     named = [getattr(part, "file", None) for part in parts if part is not None]
     files = [scene.folder / name for name in named if name is not None]
@@ -101,13 +102,13 @@ def files_of_scene(scene: Scene) -> list[Path]:
 
 
 def names_files(scene: Scene) -> bool:
-    """Return whether a scene names files, or the description of a robot, by paths from its folder."""
+    """Return whether a scene names files relative to its folder. A robot's description counts too."""
     robot = scene.file.robot
     return bool(files_of_scene(scene)) or (robot is not None and (scene.folder / robot).is_file())
 
 
 def command_again(folder: Path, out: str = "../again") -> str | None:
-    """Return the command that makes a result again, to be given in its folder; None where none is known."""
+    """Return the command that repeats a result, run in its folder. It is None where none is known."""
     words = listed_inputs(folder).get("command")
     if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
         return None
@@ -115,7 +116,6 @@ def command_again(folder: Path, out: str = "../again") -> str | None:
 
 
 def _whole(path: str | Path) -> Path:
-    """Return an absolute path, links as they are."""
     return Path(os.path.abspath(path))
 
 
@@ -124,7 +124,7 @@ def _inside(path: Path, root: Path) -> str:
 
 
 def _copied(source: Path, folder: Path, place: str) -> dict[str, dict[str, Any]]:
-    """Copy a file, or a folder with all files in it; return where each came from, and its checksum, by its place."""
+    """Copy a file or folder; return origins and checksums by place."""
     entries: dict[str, dict[str, Any]] = {}
     with telling(source, "copied", ResultError):
         found = sorted(path for path in source.rglob("*") if path.is_file()) if source.is_dir() else [source]

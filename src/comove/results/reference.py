@@ -1,8 +1,8 @@
-"""The scene that a stored result is verified against: one that is trusted, or else the folder's own.
+"""The scene for verifying a stored result: a trusted one, or its own.
 
-A result may not loosen its own verification. What a trusted scene leaves open is therefore not taken from the folder:
-limits that it leaves out are the documented ones where its duration is open, else none. Only the duration, where it
-is open, is that of the result, and of several grasps the one that the result has.
+A result may not loosen its own verification. Values that a trusted scene leaves open are therefore not read from the
+folder: limits that it leaves out are the documented ones where its duration is open, else none. Only an open duration
+is that of the result, and of several grasps its own is used.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Reference:
     ----------
     scene : the scene
     file : its file
-    is_own : whether it is the folder's own, which nobody vouches for
+    is_own : whether it is the folder's own, and so not trusted
     """
 
     scene: Scene
@@ -48,7 +48,7 @@ class Reference:
         return f"the scene '{self.scene.name}'" if self.scene.path is None else f"{self.file}"
 
     def for_result(self, folder: Path, summary: Summary) -> Reference:
-        """Return the reference with what its scene leaves open filled in; see `filled_in`."""
+        """Return the reference with a result's open values; see `filled_in`."""
         return Reference(filled_in(self.scene, folder, summary), self.file, self.is_own)
 
 
@@ -96,9 +96,9 @@ def own_scene(folder: Path) -> Scene:
 
 
 def _folder_of_meshes(folder: Path, data: dict[str, Any]) -> Path | None:
-    """Return the folder of the meshes that a folder's own scene names; None where it names none.
+    """Return the folder of the meshes of a folder's own scene.
 
-    Without meshes nothing of the scene is looked for in any folder: what it was demonstrated by may be gone.
+    It is None if the scene names none: nothing else is read from a folder, and the demonstration may be gone.
     """
     obstacles = data.get("obstacles")
     parts = [*(obstacles if isinstance(obstacles, list) else []), data.get("load")]
@@ -113,7 +113,7 @@ def _folder_of_meshes(folder: Path, data: dict[str, Any]) -> Path | None:
 
 
 def filled_in(scene: Scene, folder: Path, summary: Summary) -> Scene:
-    """Return the scene with what it leaves open: documented limits, the result's duration, and one of its grasps.
+    """Return the scene with documented limits, the result's duration, and its grasp.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def filled_in(scene: Scene, folder: Path, summary: Summary) -> Scene:
 
 
 def _goal_in(folder: Path) -> PayloadPose | None:
-    """Return the pose at which a result's own scene puts the payload down; None where it says none."""
+    """Return the payload's goal pose in a result's own scene, or None."""
     try:
         load = read_json(folder / SCENE, AGAIN, SCENE_BYTES)["load"]
         goal = load["goal"]
@@ -148,9 +148,9 @@ def _goal_in(folder: Path) -> PayloadPose | None:
 
 
 def changes_to(scene: Scene, folder: Path, summary: Summary, file: Path) -> dict[str, float]:
-    """Return the changes of duration and limits by which a scene, read from `file`, becomes the one that was solved.
+    """Return the changes of duration and limits that make the solved scene.
 
-    There are none if it is that scene, or if no such changes make it.
+    There are none if the scene, read from `file`, is the solved one, or if no such changes lead to it.
     """
     solved = summary.get("scene_sha256")
     if scene.sha256 == solved:

@@ -1,11 +1,11 @@
-"""A stored execution, `run.npz` and `run.json`: read, and verified from its poses and the scene.
+"""Stored executions, `run.npz` and `run.json`, and their verification.
 
 `run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
 `obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles, and where any turns
 `obstacle_quaternion` (n_steps, n_obstacles, 4), w x y z, the orientations of their frames; it also holds the poses
-from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
-(n_steps, n_groups, 4), w x y z, of the rigid groups. `scene.json` is the scene that was executed, so that the folder
-can be judged anew and played without other files.
+from which the whole payload can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps,
+n_groups, 4), w x y z, of the rigid groups. `scene.json` is the executed scene, so that the folder can be verified and
+played without other files.
 
 The verification takes poses and times from the run, and everything else from the scene, the obstacles' positions too.
 """
@@ -67,13 +67,13 @@ RUN = ResultKind(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredRun(Stored):
-    """Contents of `run.json` and `run.npz`, and the scene on which they are looked at."""
+    """Contents of `run.json` and `run.npz`, and the scene of the execution."""
 
     scene: Scene
 
     @cached_property
     def record(self) -> Record:
-        """Return what happened, with obstacles where the run says that they were.
+        """Return the record of the execution, with obstacles as the run states.
 
         Raises
         ------
@@ -119,7 +119,7 @@ def read_run(folder: str | Path, scene: Scene | None = None) -> StoredRun:
 
 
 def verify_run(stored: StoredRun) -> ExecutionReport:
-    """Verify a stored execution on its scene, from its poses and times alone; return the report.
+    """Verify a stored execution from its poses, times and scene alone.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def verify_run(stored: StoredRun) -> ExecutionReport:
 
 
 def _impossible(record: Record) -> list[str]:
-    """List what no execution on the scene could have recorded, in words."""
+    """List records that no execution on the scene can have, in words."""
     scene, time, reasons = record.scene, record.time, []
     even = np.linspace(0.0, time[-1], len(time))
     if not np.abs(time - even).max() <= FITS:
@@ -166,7 +166,7 @@ def _impossible(record: Record) -> list[str]:
 
 
 def _elsewhere(recorded: Record, record: Record) -> list[str]:
-    """List the obstacles that were, by the run's own record, where the scene does not move them, in words."""
+    """List obstacles recorded at other positions than the scene's, in words."""
     n_dims = record.scene.n_dims
     apart = np.linalg.norm((recorded.obstacles - record.obstacles)[..., :n_dims], axis=2)
     reasons = []
@@ -182,7 +182,7 @@ def _elsewhere(recorded: Record, record: Record) -> list[str]:
 
 
 def _turned_otherwise(scene: Scene, arrays: Arrays) -> list[str]:
-    """List the obstacles that were, by the run's own record, turned otherwise than the scene turns them, in words."""
+    """List obstacles recorded with other orientations than the scene's, in words."""
     if "obstacle_quaternion" not in arrays:  # nobody need say: the verification takes turns from the scene
         return []
     apart = np.abs(arrays["obstacle_quaternion"] - scene.orientations(arrays["time"])).max(axis=(0, 2))
@@ -193,7 +193,7 @@ def _turned_otherwise(scene: Scene, arrays: Arrays) -> list[str]:
 
 
 def _misstated(summary: Summary, report: ExecutionReport, record: Record) -> list[str]:
-    """List the measures in the summary that are not those of the run, in words."""
+    """List the summary's measures that are not the run's, in words."""
     right: dict[str, float | None] = {**report.asdict(), "duration_s": float(record.time[-1])}
     right.pop("reasons")
     units = unit_terms_of(record.position)

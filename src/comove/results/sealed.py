@@ -1,7 +1,7 @@
-"""Sealed files of results: a summary in JSON and an archive of arrays, with the checksums of both in the summary.
+"""Sealed result files: a JSON summary and an archive of arrays.
 
-Every kind of result says once which files and entries it has, and is written, read and checked in one way.
-Entries may have been edited: their types and values are checked.
+The summary holds the checksums of both. Every kind of result declares its files and entries once, and is written,
+read and checked in one way. Entries may have been edited: their types and values are checked.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from comove.io.folders import require_folder
 
 
 def number(value: object) -> float | None:
-    """Return a finite number out of a JSON file; None where it is none."""
+    """Return a value of a JSON file if finite, else None."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
@@ -37,14 +37,14 @@ def number(value: object) -> float | None:
 
 
 def agrees(stated: object, right: float, within: float) -> bool:
-    """Return whether a number stated in a file agrees with the right one to within `within`."""
+    """Return whether a stated value is a number close to another."""
     found = number(stated)
     return found is not None and abs(found - right) <= within
 
 
 @dataclass(frozen=True)
 class Type:
-    """A type of an entry of a JSON file: its name, and the test for it."""
+    """The type of an entry of a JSON file: name and test."""
 
     name: str
     fits: Callable[[object], bool]
@@ -73,7 +73,7 @@ def require_types(
     within: str = "",
     others: Type | None = None,
 ) -> None:
-    """Refuse entries of a JSON file that are not of their types.
+    """Raise ResultError if entries of a JSON file have other types.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ SAME = 1e-6  # relative, by which measures may differ from those of the summary
 
 
 def near(name: str, value: float) -> float:
-    """Return by how much a measure may differ from the one in the summary."""
+    """Return the tolerance of a measure in the summary."""
     return SAME * max(1e-3, abs(value))
 
 
@@ -135,7 +135,7 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 
 
 def finite(value: float | None) -> float | None:
-    """Return a number as JSON can hold it: None where it is infinite, or not a number."""
+    """Return a number for JSON, None if it is infinite or nan."""
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -172,7 +172,7 @@ def _accept(summary: Summary, file: Path) -> None:
 
 @dataclass(frozen=True)
 class ResultKind:
-    """A kind of result: the names of its files, and what is in them.
+    """A kind of result: the names of its files and their entries.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ class ResultKind:
     hint : advice where they cannot be used
     required, optional : names of the arrays
     unsealed : entries that differ between runs of one seed, which the summary's checksum leaves out
-    outdated : names of files that show what an earlier summary told of, and are removed with it
+    outdated : names of files derived from an earlier summary, which are removed with it
     require_entries : function of a summary and its path that raises `ResultError` for entries of other types
     """
 
@@ -198,7 +198,7 @@ class ResultKind:
     require_entries: Callable[[Summary, Path], None] = _accept
 
     def write(self, folder: Path, summary: Mapping[str, Any], arrays: Mapping[str, Any]) -> Summary:
-        """Write both files into an existing folder, and return the summary with its checksums.
+        """Write both files into an existing folder; return the sealed summary.
 
         The summary appears last, right after the arrays, so that an interruption is detected.
 
@@ -251,12 +251,12 @@ class ResultKind:
             ) from error
 
     def seal(self, summary: Mapping[str, Any]) -> str:
-        """Compute the SHA-256 of all entries but the checksum itself and those that differ between runs."""
+        """Compute the SHA-256 of all entries that repeated runs share. The checksum itself is left out too."""
         entries = {key: value for key, value in summary.items() if key not in (SEAL, *self.unsealed)}
         return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
     def broken_seals(self, summary: Mapping[str, Any], arrays: Mapping[str, Any]) -> list[str]:
-        """List the checksums that do not fit, in words."""
+        """List the checksums that do not match, in words."""
         return [f"{name} was edited: {why}" for name, _, why in self._broken(summary, arrays)]
 
     def _broken(
@@ -285,7 +285,7 @@ class ResultKind:
         loose: Collection[str] = (),
         truths: Collection[str] = (),
     ) -> None:
-        """Refuse arrays of another shape or type, or that are not finite unless they are `loose`."""
+        """Raise ResultError for unsuitable arrays: of other shape or type, or not finite unless `loose`."""
         for name, shape in shapes.items():
             found, kind = arrays[name], np.dtype(bool if name in truths else float)
             if found.shape != shape or found.dtype != kind:
@@ -305,7 +305,7 @@ class ResultKind:
         within: Callable[[str, float], float] = near,
         prefix: str = "",
     ) -> list[str]:
-        """List the measures in the summary that are not those of the motion, in words.
+        """List the summary's measures that are not the motion's, in words.
 
         Parameters
         ----------

@@ -109,16 +109,17 @@ class StoredResult(Stored):
         return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
 
     def show(self) -> None:
-        """Show what the folder holds, judged anew, in a notebook, or else in a browser; see `comove.show`."""
+        """Show the folder, verified anew, in a notebook or browser. See `comove.show`."""
         comove.show(self)
 
 
 def motion_arrays(motion: CoordinatedMotion) -> Arrays:
-    """Return the samples of a motion, and the arrays from which its curve is rebuilt exactly.
+    """Return the samples of a motion and the arrays that define it.
 
-    Samples are `time` (n_steps,) [s]; `position`, `velocity` and `acceleration` of the hands, each of shape
-    (n_steps, n_manipulators, n_dims); and where the coordinates hold the load, the poses of the rigid groups:
-    `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps, n_groups, 4), w x y z.
+    Samples are `time` (n_steps,) [s]; `position`, `velocity` and `acceleration` of the end effectors, each of shape
+    (n_steps, n_manipulators, n_dims); and where the coordinates are the payload's, the poses of the rigid groups:
+    `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps, n_groups, 4), w x y z. The curve is rebuilt
+    exactly.
     """
     trajectory, basis = motion.trajectory(), motion.basis
     shares = trajectory.time / motion.scene.duration
@@ -192,10 +193,10 @@ def rebuild(arrays: Arrays, scene: Scene) -> CoordinatedMotion:
 
 
 def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
-    """Judge a stored result anew, from its files and the scene alone.
+    """Verify a stored result from its files and the scene alone.
 
-    The motion is rebuilt from its weights, compared with its samples and judged; checksums and the measures
-    in the summary must agree as well.
+    The motion is rebuilt from its weights, compared with its samples and verified; checksums and the measures in the
+    summary must agree as well.
     """
     try:
         motion = rebuild(stored.arrays, scene)
@@ -228,7 +229,6 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
 
 
 def _smooth(name: str, value: float) -> float:
-    """Return by how much a measure may differ that takes differences of accelerations."""
     return SMOOTH * max(1e-3, abs(value))
 
 
@@ -252,19 +252,18 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
 
 
 def _rebuilt(name: str, right: Array) -> float:
-    """Return by how much a sample may differ from the curve rebuilt on another machine."""
     return REBUILT if name != "acceleration" else REBUILT_RATE * max(1.0, float(np.abs(right).max()))
 
 
 def _apart(name: str, found: Array, right: Array) -> Array:
-    """Return by how much samples differ, number by number; of quaternions the sign says nothing."""
+    """Return the differences of samples; quaternions may differ in sign."""
     if name == "quaternion":
         right = np.where((found * right).sum(axis=-1, keepdims=True) < 0.0, -right, right)
     return np.abs(found - right)
 
 
 def _edited_smoothness(summary: Summary, motion: CoordinatedMotion) -> list[str]:
-    """List the measures of smoothness that are not those of the motion; results of earlier versions state none."""
+    """List the measures of smoothness that are not the motion's. Results of earlier versions state none."""
     stated, right = summary.get("smoothness"), smoothness_of(motion)
     if stated is None:
         return []
@@ -279,7 +278,7 @@ def _edited_smoothness(summary: Summary, motion: CoordinatedMotion) -> list[str]
 
 
 def _edited_cost(summary: Summary, motion: CoordinatedMotion) -> list[str]:
-    """List the terms of J that are not those of the motion under the weights in the summary, in words."""
+    """List the terms of J that are not the motion's, in words. The weights are those in the summary."""
     file, terms, weights = (
         SOLUTION.summary,
         summary.get("cost_terms"),

@@ -1,4 +1,4 @@
-"""The writing of a solution into a result folder."""
+"""Writing of a solution into a result folder."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ RECOMPUTED = ("goal", "velocity", "obstacle")  # resemblance needs a movement th
 
 
 def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:
-    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary.
+    """Write `solution.npz` and `solution.json`; return the summary.
 
-    Where the scene names a robot and no joints carry the motion out, the summary says so.
+    The folder exists. The summary says so where the scene names a robot and there is no joint motion.
     """
     summary = _summary_of(solution, wall_time_s)
     if solution.scene.file.robot is not None and solution.joints is None:
@@ -32,7 +32,7 @@ def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summ
 
 
 def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
-    """Return the contents of solution.json."""
+    """Return the contents of `solution.json`."""
     report, cost = solution.report, solution.cost
     terms = {name: getattr(cost, name) for name in WEIGHTS}
     return {
@@ -69,7 +69,7 @@ def _said_of(objective: object) -> dict[str, Any]:
 
 
 def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:
-    """Compute the weights of those terms of J that follow from the motion; the usual weight where a term is 0."""
+    """Compute the weights of the terms of J that the motion determines. Where a term is 0, it is the usual weight."""
     weights = {}
     for name, unit in _unit_terms(motion).items():
         usual = WEIGHTS[name]

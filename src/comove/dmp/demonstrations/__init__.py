@@ -1,7 +1,7 @@
-"""Recordings of movements: reading, cleaning, cutting and writing them.
+"""Recordings of movements: reading, cleaning, cutting and writing.
 
-A file becomes a :class:`Demonstration`, which is clean by construction: finite, starting at time zero,
-every instant once. Its `notes` report every change that was made.
+A file becomes a :class:`Demonstration`, which is clean by construction: finite, starting at time zero, every instant
+once. Its `notes` report every change that was made.
 """
 
 from typing import TYPE_CHECKING

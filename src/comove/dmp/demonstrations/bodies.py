@@ -1,7 +1,7 @@
-"""Bodies in a recording: which columns hold the position, orientation, joints and grippers of each.
+"""Bodies in a recording, and their columns.
 
-`bodies_of` collects the columns of each body, `chosen_body` those that a user names, and `Body.samples` takes the
-numbers from a table.
+Columns hold the position, orientation, joints and grippers of a body. `bodies_of` collects the columns of each body,
+`chosen_body` those that a user names, and `Body.samples` reads the numbers from a table.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Body:
 
     Attributes
     ----------
-    name : name of the body; "" if the names say none
+    name : name of the body; "" if the names hold none
     position : columns of x, y, z, as far as recorded
     orientation : columns of a quaternion w x y z, of roll, pitch, yaw, or of a rotation vector; all or none
     joints : columns of joint coordinates, in the order of the recording
@@ -54,12 +54,12 @@ class Body:
 
     @property
     def moving(self) -> tuple[Column, ...]:
-        """Return the columns of what a `Demonstration` keeps as its position: positions, else joints."""
+        """Return the columns of positions, else of joints."""
         return self.position or self.joints
 
     @property
     def needed(self) -> tuple[Column, ...]:
-        """Return all columns that `samples` takes from a table."""
+        """Return all columns that `samples` reads from a table."""
         return self.moving + self.orientation
 
     @property
@@ -69,13 +69,13 @@ class Body:
 
     @property
     def is_repeated(self) -> bool:
-        """Return whether a coordinate stands in several columns, so that one has to be chosen."""
+        """Return whether a coordinate has several columns to choose from."""
         axes = [column.axis for column in self.moving if column.axis]
         return len(set(axes)) < len(axes)
 
     @property
     def stated_unit(self) -> str | None:
-        """Return the unit that all coordinates state, None if one of them states none.
+        """Return the unit that all coordinates state, else None.
 
         Coordinates that state several units of one quantity are read in its base unit: metres, or radians.
         """
@@ -88,11 +88,11 @@ class Body:
     def samples(
         self, table: Array, numbers: Sequence[int] | None = None, unit: str | None = None
     ) -> dict[str, Any]:
-        """Return the fields of `RecordedSamples` that a table holds of this body.
+        """Return the fields of `RecordedSamples` of this body in a table.
 
         Positions keep the unit that all columns state, and are converted to the base unit where columns differ.
-        Columns that state none are taken to be in `unit`, by default in metres, or radians of joints. Orientations
-        become quaternions w x y z.
+        Columns without a unit are in `unit`, by default in metres, or radians of joints. Orientations become
+        quaternions w x y z.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Body:
         return fields | ({"stated": frozenset({UNIT})} if is_stated else {})
 
     def words(self, unit: str | None = None) -> str:
-        """Return what was taken, in words: `position from X, Y, Z [mm], orientation from qx, qy, qz, qw`."""
+        """Return the used columns in words: `position from X, Y, Z [mm], orientation from qx, qy, qz, qw`."""
         what = "position" if self.position else "joints"
         unit = self.stated_unit or unit or ("" if self.position else "rad, as none is stated")
         unit = f" [{unit}]" if unit else ""
@@ -133,7 +133,7 @@ class Body:
 
 
 def spoken(columns: Iterable[Column]) -> list[str]:
-    """Return the names of columns for messages, without their units; labels where names repeat."""
+    """Return the names of columns for messages, without their units. Labels are used where names repeat."""
     columns = list(columns)
     names = [bare_name(column.name) for column in columns]
     above = all(column.label != column.name for column in columns)
@@ -141,7 +141,7 @@ def spoken(columns: Iterable[Column]) -> list[str]:
 
 
 def together(names: Sequence[str]) -> str:
-    """Return names in one line, what they begin with only once where it is long.
+    """Return names in one line, with a long common beginning only once.
 
     >>> together(["field.pose.position.x", "field.pose.position.y"])
     'field.pose.position.{x, y}'
@@ -167,7 +167,7 @@ def _form(orientation: Sequence[Column]) -> str:
 
 
 def quaternions(values: Array, columns: Sequence[Column]) -> Array:
-    """Return the quaternions w x y z, shape (n_steps, 4), of a body's columns of orientation.
+    """Return quaternions w x y z, shape (n_steps, 4), from orientation columns.
 
     Angles that state no unit have that of the others; if none states one they are radians, unless they are too large.
 
@@ -193,7 +193,7 @@ def quaternions(values: Array, columns: Sequence[Column]) -> Array:
 
 
 def _of_matrices(matrices: Array) -> Array:
-    """Return the quaternions of rotation matrices; zeros, which are none, of matrices that are no rotations."""
+    """Return the quaternions of rotation matrices, zeros for others."""
     from scipy.spatial.transform import Rotation
 
     turned = np.einsum("nij,nkj->nik", matrices, matrices)
@@ -205,11 +205,11 @@ def _of_matrices(matrices: Array) -> Array:
 
 
 def bodies_of(columns: Iterable[Column]) -> dict[str, Body]:
-    """Return the bodies that columns belong to, by their names, in the order of their first columns.
+    """Return the bodies of columns by name, in order.
 
     Only bodies with positions or joints count. An orientation without a position of its own belongs to the body whose
-    name begins as its own does, or to the only one. Joints belong to the sides `left` and `right` if each of their
-    names says one.
+    name begins the same, or to the only one. Joints belong to the sides `left` and `right` if each of their names
+    holds one.
     """
     columns = [column for column in columns if column.kind not in (Kind.TIME, Kind.INDEX, Kind.OTHER)]
     cartesian: dict[str, list[Column]] = {}
@@ -245,7 +245,7 @@ def bodies_of(columns: Iterable[Column]) -> dict[str, Body]:
 
 
 def _orientation(members: Iterable[Column]) -> tuple[Column, ...]:
-    """Return the columns of a whole orientation, in their usual order; () if it is not whole."""
+    """Return the columns of a whole orientation, in order, else ()."""
     by_axis: dict[str, list[Column]] = {}
     for column in members:
         if column.kind is Kind.ORIENTATION:
@@ -257,7 +257,7 @@ def _orientation(members: Iterable[Column]) -> tuple[Column, ...]:
 
 
 def sides_of(columns: Sequence[Column]) -> dict[int, str]:
-    """Return the side of each joint by the number of its column, "" for all of them unless each name says one."""
+    """Return the side of each joint by column number. It is "" for all of them unless each name holds one."""
     for words in ({"left": "left", "right": "right"}, {"l": "left", "r": "right"}):
         sides = {
             column.number: [
@@ -283,7 +283,7 @@ def _belongs(gripper: Column, body: str, sides: Mapping[int, str], n_bodies: int
 
 
 def matching_body(name: str, bodies: Iterable[str]) -> str | None:
-    """Return the body that a user means by a name: the same one, in any case, or the only one with these words.
+    """Return the body with a given name, or the given words. Case is ignored; words must match a single body.
 
     >>> matching_body("left", ["left_arm_ee", "right_arm_ee"])
     'left_arm_ee'
@@ -301,7 +301,7 @@ def matching_body(name: str, bodies: Iterable[str]) -> str | None:
 
 
 def columns_named(name: str, columns: Sequence[Column]) -> list[Column]:
-    """Return the columns that a user names: by name, label, name without unit in any case, or number from 1."""
+    """Return the columns that a user names: name or label, in any case, or number from 1."""
     for alike in (
         [c for c in columns if c.name == name],
         [c for c in columns if name.lower() in _labels(c)],
@@ -314,7 +314,7 @@ def columns_named(name: str, columns: Sequence[Column]) -> list[Column]:
 
 
 def _labels(column: Column) -> set[str]:
-    """Return the labels of a column in lower case; a rotation may be called so as well."""
+    """Return the labels of a column in lower case. Orientations have "rotation" too."""
     label = column.label.lower()
     return {label, label.replace(".orientation.", ".rotation.")}
 
@@ -322,7 +322,7 @@ def _labels(column: Column) -> set[str]:
 def ambiguous(
     file: object, option: str, name: str, found: Sequence[Column], others: Sequence[str] = ()
 ) -> DemonstrationError:
-    """Return the error about a name of several columns; `others` are names that stand for one each."""
+    """Return the error about a name of several columns. `others` are names that are unique."""
     labels = [column.label for column in found]
     by_body = len(set(labels)) == len(labels)
     known = labels if by_body else [f"{c.name} (column {c.number + 1})" for c in found]
@@ -340,21 +340,21 @@ def ambiguous(
 def chosen_body(
     wanted: Sequence[str], columns: Sequence[Column], file: object = None, unit: str | None = None
 ) -> Body:
-    """Return the body of the columns that a user names, or the body that the only name is one of.
+    """Return the body that a user names by columns or name.
 
     Parameters
     ----------
     wanted : names of columns, as `columns_named` finds them, or one name of a body
     columns : all columns of the recording
     file : file of the recording, for messages
-    unit : unit that the user states; an angle makes joints of columns that may be anything
+    unit : unit that the user states; an angle makes joints of columns of unknown meaning
 
     Raises
     ------
     DemonstrationError
-        If a name stands for no column, or for several.
+        If a name matches no column, or several.
     OptionError
-        If a column stands twice.
+        If a column is named twice.
     """
     every = bodies_of(columns)
     if len(wanted) == 1 and not columns_named(wanted[0], columns):
@@ -401,7 +401,7 @@ def chosen_body(
 
 
 def as_joints(columns: Iterable[Column]) -> tuple[Column, ...]:
-    """Return columns as those of joints, which are called as the columns are."""
+    """Return columns as those of joints, named as the columns are."""
     return tuple(
         c
         if c.kind is Kind.JOINT

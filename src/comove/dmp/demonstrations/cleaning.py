@@ -1,8 +1,8 @@
-"""Checks of recordings, and the few repairs that are made and reported.
+"""Checks of recordings, and a few reported repairs.
 
-A check raises, because only the user can correct the fault; a repair returns a note beside the arrays, which is
-empty if there was nothing to repair. Throughout, `time` is an array (n_steps,) [s], `position` is (n_steps, n_dims)
-[m], `orientation` is (n_steps, 4), quaternions w x y z; an `origin` names samples in messages.
+A check raises, because only the user can correct the fault; a repair returns a note beside the arrays, which is empty
+if there was nothing to repair. Throughout, `time` is an array (n_steps,) [s], `position` is (n_steps, n_dims) [m],
+`orientation` is (n_steps, 4), quaternions w x y z; an `origin` names samples in messages.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
 def check(
     time: ArrayLike, position: ArrayLike, origin: Origin = IN_MEMORY
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return time and position as new arrays, and raise unless they are a recorded movement.
+    """Return time and position as new arrays, checked.
 
     Raises
     ------
     DemonstrationError
         If they are not numeric, their shapes disagree, there are fewer than two rows, a number is not finite, or
-        time goes back or stands still. Names the first bad row.
+        time does not increase. Names the first bad row.
     """
     time, position = _numbers(time, "time", origin), _numbers(position, "position", origin)
     _check_shapes(time, position, origin)
@@ -47,7 +47,7 @@ def check(
 def check_orientation(
     orientation: ArrayLike, n_steps: int, origin: Origin = IN_MEMORY
 ) -> NDArray[np.float64]:
-    """Return orientations as a new array with unit norm to rounding, and raise unless they are valid quaternions.
+    """Return orientations as a new array of unit quaternions, checked.
 
     Raises
     ------
@@ -79,10 +79,7 @@ def check_orientation(
 
 
 def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Return the orientations with signs, q or -q for the same one, that make neighbours close, and a note.
-
-    The first row keeps its sign.
-    """
+    """Return orientations without sign changes between neighbours, and a note."""
     flips = np.einsum("ij,ij->i", orientation[1:], orientation[:-1]) < 0.0
     if not flips.any():
         return orientation, ""
@@ -95,7 +92,7 @@ def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.f
 def merge_repeated_orientations(
     time: NDArray[np.float64], orientation: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return one orientation per instant: the mean of the rows with the same time stamp; `time` does not decrease.
+    """Return one mean orientation per instant. `time` does not decrease.
 
     The mean is the axis nearest to all of them (Markley), which does not depend on signs; single rows stay as they
     are.
@@ -112,7 +109,7 @@ def merge_repeated_orientations(
 
 
 def check_axes(axes: Iterable[str], n_dims: int, origin: Origin = IN_MEMORY) -> tuple[str, ...]:
-    """Return the names of `n_dims` coordinates, and raise if they are invalid; for x, y, z return ().
+    """Return the names of `n_dims` coordinates, checked; () for x, y, z.
 
     Raises
     ------
@@ -143,7 +140,7 @@ def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
 def merge_repeated_stamps(
     time: NDArray[np.float64], position: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
-    """Return distinct times with one position each, the mean of the rows with that time stamp, and a note.
+    """Return distinct times with mean positions, and a note.
 
     `time` does not decrease; the one that is returned increases.
     """

@@ -1,4 +1,4 @@
-"""Time from the columns of a recording that hold it: one, several that agree, or seconds beside their fractions."""
+"""Time from a recording's columns: one, several, or seconds and fractions."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ FRACTIONS = ("ms", "us", "ns")
 
 @dataclass(frozen=True)
 class Time:
-    """Time of each sample.
+    """The time of each sample.
 
     Attributes
     ----------
     seconds : array, shape (n_steps,), [s]
-    words : where it comes from
-    notes : what was inferred
+    words : its source
+    notes : inferred facts
     is_stated : whether its unit is stated, rather than inferred
     """
 
@@ -42,7 +42,7 @@ def time_of(
     """Return the time that columns of a recording hold.
 
     Whole seconds and the fraction of a second in another column are added. Of several whole times the first that
-    passes is taken, and all have to agree.
+    increases is used, and all have to agree.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def time_of(
     Raises
     ------
     DemonstrationError
-        If the unit of a column is not known, or two columns tell different times.
+        If the unit of a column is not known, or two columns hold different times.
     """
     for column, _ in found:
         if column.unit is not None and column.unit not in TIMES:
@@ -95,7 +95,7 @@ def time_of(
 
 
 def _parts(found: Sequence[tuple[Column, NDArray]]) -> tuple[int, int] | None:
-    """Return which columns hold whole seconds and their fraction, the pair of the most similar names."""
+    """Return the columns of whole seconds and fractions with most similar names."""
 
     def are_whole(stamps: NDArray) -> bool:
         return stamps.dtype.kind in "iu" or bool((np.floor(stamps) == stamps).all())

@@ -1,10 +1,10 @@
-"""The vocabulary of columns: what the names of a recording's columns say they hold.
+"""The vocabulary of columns: the meaning of their names.
 
 Recorders name columns in many ways: `x`, `ee.x`, `left_arm_ee_pos_x`, `field.pose.position.x`, `/pose/position/x`,
 `Left X` below a row `Position`, `p_RS_R_x [m]`, `TX`; `qw`, `q_w`, `orientation.w`, `rw` beside `rx`; `roll`;
 `shoulder_pan.pos`, `joint_1`, `q[0]`; `Time (Seconds)`, `time_ms`, `%time`, `secs` beside `nsecs`. `read_columns`
-turns names into `Column`s; `comove.dmp.demonstrations.bodies` collects what belongs to each body. Formats differ only
-in where the names come from.
+turns names into `Column`s; `comove.dmp.demonstrations.bodies` collects the columns of each body. Formats differ only
+in the source of the names.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SIDES = ("left", "right")
 
 
 class Kind(StrEnum):
-    """Quantity that a column holds."""
+    """The quantity in a column."""
 
     TIME = "time"
     POSITION = "position"
@@ -45,11 +45,11 @@ class Column:
     ----------
     number : place of the column, from 0
     name : name as it is written
-    kind : what it holds
+    kind : its quantity
     axis : x, y, z of a position; qw, qx, qy, qz of a quaternion; roll, pitch, yaw; rx, ry, rz of a rotation vector;
         a joint's name without body and unit; "" of time, and of speeds, forces and others that are no coordinates
-    body : name of the body or side that the column belongs to; "" if the name says none
-    unit : unit that the name, or a row of units, states, as `comove.dmp.demonstrations.units` spells it, else as
+    body : name of the body or side that the column belongs to; "" if the name has none
+    unit : unit in the name, or in a row of units, as `comove.dmp.demonstrations.units` spells it, else as
         written; None if nothing is stated
     """
 
@@ -62,7 +62,7 @@ class Column:
 
     @property
     def label(self) -> str:
-        """Return a name that tells columns of one name apart: `Left.Position.X`."""
+        """Return a label that is unique among equal names: `Left.Position.X`."""
         if self.kind not in (Kind.POSITION, Kind.ORIENTATION) or not self.body or self.body in self.name:
             return self.name
         axis = self.axis.upper().removeprefix("Q") if self.axis in QUATERNION else self.axis.upper()
@@ -145,7 +145,7 @@ def read_columns(
     kinds: Sequence[str] = (),
     units: Sequence[str] = (),
 ) -> tuple[Column, ...]:
-    """Return what each column of a recording holds, according to its name.
+    """Return the meaning of a recording's columns by their names.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def read_columns(
 
 
 def bare_name(name: str) -> str:
-    """Return a name without quotation marks, the marks of comments and its unit in brackets.
+    """Return a name without quotation and comment marks and unit.
 
     >>> [bare_name(name) for name in ("X [mm]", "# Time (Seconds)", "q[0]")]
     ['X', 'Time', 'q[0]']
@@ -175,7 +175,7 @@ def bare_name(name: str) -> str:
 
 
 def _parted(name: str) -> tuple[str, str | None]:
-    """Return a name without its unit in brackets, and the unit, None if there is none."""
+    """Return a name without its unit in brackets, and the unit."""
     name = name.strip().strip('"').strip().lstrip("#%").strip()
     found = _BRACKETS.fullmatch(name)
     if found is None or not found["name"] or found["unit"].strip().isdigit():
@@ -184,7 +184,6 @@ def _parted(name: str) -> tuple[str, str | None]:
 
 
 def _words(name: str) -> list[_Word]:
-    """Return the words of a name: parted at marks, between letters and digits, and before capitals."""
     return [
         _Word(found[0].lower(), found.start(), found.end())
         for found in re.finditer(r"[A-ZÄÖÜ]+(?![a-zäöü])|[A-ZÄÖÜ]?[^\W\d_A-ZÄÖÜ]+|\d+|[^\W\d_]+", name)
@@ -192,7 +191,7 @@ def _words(name: str) -> list[_Word]:
 
 
 def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Column:
-    """Return what the name of one column says by itself."""
+    """Return the meaning of one column's name by itself."""
     core, unit = _parted(name)
     unit = below.strip("[]() ") or unit
     words = _words(core)
@@ -236,12 +235,12 @@ def words_of(text: str) -> list[str]:
 
 
 def is_derived(text: str) -> bool:
-    """Return whether words tell of speeds, forces and the like, which are no coordinates."""
+    """Return whether words name speeds, forces or the like, not coordinates."""
     return bool(_DERIVED & set(words_of(text)))
 
 
 def _is_time(texts: Sequence[str]) -> bool:
-    """Return whether a name of these words is one of time, or of a part of it."""
+    """Return whether words name time, or a part of it."""
     last, rest = texts[-1], list(texts)
     is_part = last in _PARTS or (len(texts) == 1 and len(last) > 1 and UNITS.get(last) in ("ms", "us", "ns"))
     if is_part and set(texts[:-1]) <= _OF_CLOCKS | _CLOCKS:
@@ -255,7 +254,7 @@ def _is_time(texts: Sequence[str]) -> bool:
 
 
 def _cartesian(core: str, words: Sequence[_Word], above: str) -> tuple[Kind, str, str] | None:
-    """Return the kind, axis and body of a column of a position or an orientation; None for others."""
+    """Return kind, axis and body of a Cartesian column, else None."""
     texts = [word.text for word in words]
     quantity = set(words_of(above))
     for at in (len(words) - 1, 0):  # the axis is the last word, as in left_x, or the first one, as in x_left
@@ -276,17 +275,15 @@ def _cartesian(core: str, words: Sequence[_Word], above: str) -> tuple[Kind, str
 
 
 def _may_follow(axis: str, rest: Sequence[str]) -> bool:
-    """Return whether words behind a leading axis name its body, as `x_left`, `X1` and `x position` do."""
     return axis != "w" and not _JOINTS & set(rest)
 
 
 def _joined_by_line(core: str, words: Sequence[_Word], at: int) -> bool:
-    """Return whether the word before an axis is joined to it by `_`, or the name is a single word."""
     return at > 0 and core[words[at - 1].stop : words[at].start] in ("_", "")
 
 
 def _told_by(axis: str, quantity: set[str], word: str, joined: bool) -> tuple[Kind, str]:
-    """Return the kind and axis of x, y, z or w below or beside words for a quantity."""
+    """Return an axis's kind and full name, by words for a quantity."""
     given = quantity or {word}
     if given & _POSITIONS or (word in ("p", "t") and not quantity):
         return Kind.POSITION, axis if axis != "w" else ""
@@ -302,7 +299,7 @@ def _told_by(axis: str, quantity: set[str], word: str, joined: bool) -> tuple[Ki
 
 
 def _body(core: str, words: Sequence[_Word], at: int) -> str:
-    """Return the part of a name that names the body: what is left of the axis and the words of structure."""
+    """Return the body in a name, without axis and structural words."""
     rest = [word for place, word in enumerate(words) if place != at]
     joined = _joined_by_line(core, words, at)
 
@@ -325,7 +322,7 @@ def _is_joint(texts: Sequence[str], unit: str | None) -> bool:
 
 
 def _told_by_others(columns: list[Column]) -> list[Column]:
-    """Correct what single names leave open: w and rw make quaternions of their neighbours; vectors by index."""
+    """Correct columns by neighbours: w and rw make quaternions, vectors are found by index."""
     columns = _indexed_vectors(columns)
     places = [column for column in columns if column.kind is Kind.POSITION]
     if len(places) > 1 and len({c.axis for c in places}) == 1 and all(c.body.isdigit() for c in places):
@@ -363,7 +360,7 @@ def _told_by_others(columns: list[Column]) -> list[Column]:
 
 
 def _indexed_vectors(columns: list[Column]) -> list[Column]:
-    """Return columns in which `pos_0, pos_1, pos_2` is a position, as is the begin of `tcp_pose_0` to `_5`."""
+    """Return columns with numbered ones as vectors: `pos_0, pos_1, pos_2`, or the start of `tcp_pose_0` to `_5`."""
     stems: dict[str, list[Column]] = {}
     names = {column.number: bare_name(column.name) for column in columns}
     is_joint_state = any(re.fullmatch(r".*\bname_?\[?0\]?", name) for name in names.values())

@@ -1,4 +1,4 @@
-"""The class of recorded movements, and what cuts a recording into its movements."""
+"""The class of recorded movements, and their segmentation."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Demonstration(RecordedSamples):
     unit : unit of `position`; "m" is checked for numbers that look like millimetres, "rad" for degrees
     orientation : array, shape (n_steps, 4), unit quaternions w x y z; None if none was recorded
     axes : names of the coordinates, such as those of joints; () if they are x, y, z or have no names
-    stated : what is known for certain, so that it is not questioned: "time", that it is in seconds, and "unit"
+    stated : certain facts, which are not checked for plausibility: "time", that it is in seconds, and "unit"
     origin : names of the places of the samples in their file, for errors; forgotten after the checks
 
     All arrays are read-only copies.
@@ -85,7 +85,7 @@ class Demonstration(RecordedSamples):
 
     @classmethod
     def of(cls, samples: RecordedSamples) -> Self:
-        """Return the movement that a reader found, checked; errors name the places in its file."""
+        """Return a reader's movement, checked; errors name places in its file."""
         return cls(**vars(samples))
 
     @property
@@ -139,7 +139,7 @@ class Demonstration(RecordedSamples):
         return self._changed(time, position, orientation, note)
 
     def smoothed(self, cutoff_hz: float) -> Demonstration:
-        """Return the movement without frequencies above `cutoff_hz` [Hz]; both ends stay exactly.
+        """Return the movement without frequencies above `cutoff_hz` [Hz]. Both ends stay exactly.
 
         Raises
         ------
@@ -179,10 +179,10 @@ class Demonstration(RecordedSamples):
         return replace(self, position=in_base_unit(self.unit) * self.position, unit=base, notes=notes)
 
     def cleaned(self) -> Demonstration:
-        """Return the movement between the pauses, without its noise; notes report the processing.
+        """Return the movement between the pauses, without its noise. Notes report the processing.
 
-        If there are several movements, the one with the longest path is taken. The cutoff frequency is the lowest at
-        which the filter removes no more than the noise, which is estimated from the recording itself.
+        If there are several movements, the one with the longest path is returned. The cutoff frequency is the lowest
+        at which the filter removes no more than the noise, which is estimated from the recording itself.
 
         Raises
         ------
@@ -202,7 +202,7 @@ class Demonstration(RecordedSamples):
         return part if cutoff is None else part.smoothed(float(f"{cutoff:.3g}"))
 
     def trimmed(self, speed_threshold: float) -> Demonstration:
-        """Return the movement without the samples at its ends that are slower than `speed_threshold` [m/s].
+        """Return the movement without ends slower than `speed_threshold` [m/s].
 
         Rotation without translation counts as standing still.
 
@@ -242,7 +242,7 @@ class Demonstration(RecordedSamples):
         clean: bool = False,
         **options: Any,
     ) -> Demonstration:
-        """Read one movement from a file or folder of any kind that `comove.dmp.demonstrations` supports.
+        """Read one movement from a file or folder of any supported kind.
 
         The suffix determines the kind: .npz; .hdf5 or .h5 (robomimic, ALOHA); .bag (ROS 1); .mcap or .db3 (ROS 2);
         text tables have .csv, .tsv, .txt or others. A folder with `meta/info.json` is a LeRobot dataset, one with
@@ -275,15 +275,15 @@ class Demonstration(RecordedSamples):
 
     @classmethod
     def load_all(cls, path: str | os.PathLike[str]) -> tuple[Demonstration, ...]:
-        """Read all movements of a file or folder, as `load` does: each episode, each manipulator or topic.
+        """Read all movements of a file or folder, as `load` does.
 
-        The name of each movement tells its episode, manipulator or topic.
+        The name of each movement holds its episode, manipulator or topic.
         """
         return tuple(movement for found in cls.load_recordings(path) for movement in found.values())
 
     @classmethod
     def load_recordings(cls, path: str | os.PathLike[str]) -> tuple[dict[str, Demonstration], ...]:
-        """Read all recordings of a file or folder, each as movements by manipulator ("" for one without a name).
+        """Read all recordings of a file or folder by manipulator. A single movement without a name is under "".
 
         Raises
         ------
@@ -303,7 +303,7 @@ class Demonstration(RecordedSamples):
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
-        """Read one recording of the LASA handwriting set; see `comove.dmp.demonstrations.formats.lasa`."""
+        """Read one recording of the LASA handwriting set. See `comove.dmp.demonstrations.formats.lasa`."""
         from comove.dmp.demonstrations.formats import lasa
 
         return cls.of(lasa.read(shape, demo))
@@ -319,7 +319,7 @@ class Demonstration(RecordedSamples):
         return replace(self, time=time, position=position, orientation=orientation, notes=notes)
 
     def _part(self, first: int, stop: int, note: str, name: str | None = None) -> Demonstration:
-        """Return the movement of the samples from `first` up to, not including, `stop`."""
+        """Return the movement of the samples from `first` to before `stop`."""
         kept = slice(first, stop)
         orientation = None if self.orientation is None else self.orientation[kept]
         part = self._changed(self.time[kept] - self.time[first], self.position[kept], orientation, note)
@@ -335,7 +335,7 @@ def segment(
     cutoff_hz: float = 6.0,
     corner: float | None = None,
 ) -> tuple[Demonstration, ...]:
-    """Cut a recording into movements; the pauses between them are dropped.
+    """Cut a recording into movements. The pauses between them are dropped.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ def segment(
 
 
 def each(read: Callable[_P, Mapping[str, RecordedSamples]]) -> Callable[_P, dict[str, Demonstration]]:
-    """Return a format's reader of movements by name as one of demonstrations by name."""
+    """Return a reader of samples as one of demonstrations."""
 
     @wraps(read)
     def reader(*args: _P.args, **options: _P.kwargs) -> dict[str, Demonstration]:
@@ -383,7 +383,7 @@ def each(read: Callable[_P, Mapping[str, RecordedSamples]]) -> Callable[_P, dict
 def each_episode(
     read: Callable[_P, Mapping[str, Mapping[str, RecordedSamples]]],
 ) -> Callable[_P, dict[str, dict[str, Demonstration]]]:
-    """Return a format's reader of episodes as one of demonstrations by manipulator, by episode."""
+    """Return a reader of episodes as one of demonstrations by manipulator."""
 
     @wraps(read)
     def reader(*args: _P.args, **options: _P.kwargs) -> dict[str, dict[str, Demonstration]]:
@@ -396,16 +396,15 @@ def each_episode(
 
 
 def _warn(name: str, *notes: str, stacklevel: int) -> None:
-    """Issue one warning with all `notes` that are not empty."""
     if text := "; ".join(filter(None, notes)):
         warnings.warn(f"{name or 'demonstration'}: {text}", ComoveWarning, stacklevel=stacklevel)
 
 
 def _end_velocity(time: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimate the velocity at time zero, shape (n_dims,), from a parabola through the samples near it.
+    """Estimate the velocity at time zero, shape (n_dims,), by a parabola.
 
     The fit is by least squares over the first seven samples, and at least the first hundredth of the movement, so
-    that noise, or two stamps very close by_manipulator, have little influence. Exact for polynomials of degree 2.
+    that noise, or two stamps very close to each other, have little influence. Exact for polynomials of degree 2.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Plausibility of a recording: units of time and length, holes, jumps, and standing still.
+"""Plausibility of a recording: units, gaps, jumps, and lack of motion.
 
-Every recording passes here, whatever file it comes from. Readers convert their stamps by `seconds`, which infers a
-unit that nobody states where the numbers leave no doubt, and refuses them otherwise. `doubts` finds what looks wrong
-in a movement that is already in metres (or radians) and seconds: a `Demonstration` warns of it, and commands that
-keep what they read refuse it where `Doubt.is_unit` holds. What a file or a user states is never questioned.
+Recordings of all formats are checked here. Readers convert their stamps by `seconds`, which infers an unstated unit
+where the numbers leave no doubt, and refuses them otherwise. `doubts` finds faults in a movement that is already in
+metres (or radians) and seconds: a `Demonstration` warns of them, and commands that store movements refuse them where
+`Doubt.is_unit` holds. Statements of a file or a user are never questioned.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ STILL = 1e-6
 
 @dataclass(frozen=True)
 class Doubt:
-    """Something in a recording that looks wrong.
+    """A suspected fault of a recording.
 
     Attributes
     ----------
-    mark : the phrase by which notes show that this was told before
-    message : what looks wrong, with where and how much
-    way_out : what to do about it
+    mark : the phrase by which notes show that this was reported before
+    message : the fault, its place and size
+    way_out : the remedy
     key : option that settles it; "" if none does
     options : the same with a value, for the command that is printed
     """
@@ -71,7 +71,7 @@ class Doubt:
 
     @property
     def is_unit(self) -> bool:
-        """Return whether it is about a unit, so that all numbers are wrong if it is justified."""
+        """Return whether a wrong unit is suspected, of all numbers."""
         return bool(self.key)
 
     def __str__(self) -> str:
@@ -79,7 +79,7 @@ class Doubt:
 
 
 def unit_of_time(stamps: NDArray) -> str | None:
-    """Return the unit of stamps that the numbers show without doubt, None if they do not.
+    """Return the unit of stamps if their size proves it, else None.
 
     Stamps of the order of 1e9, 1e12, 1e15 or 1e18 count s, ms, us or ns from 1970. Steps below `SLOW` are seconds.
     Steps that are 4 to 100 ms (or us, ns) are these, unless the whole recording would be shorter than 0.2 s; a few
@@ -112,7 +112,7 @@ def seconds(
     origin: Origin = IN_MEMORY,
     way_out: str = "",
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return stamps in seconds, and notes about what was inferred.
+    """Return stamps in seconds, and notes on inferred units.
 
     Stamps that count from 1970 become seconds since the first one, computed from integers where they are integers, so
     that no nanosecond is lost.
@@ -147,7 +147,7 @@ def seconds(
 
 
 def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "") -> DemonstrationError:
-    """Return the error about stamps whose unit neither a name nor their size shows."""
+    """Return the error about stamps of unknown unit."""
     passed, bare = np.diff(stamps).astype(np.float64), name.partition("[")[0].strip()
     step = float(np.median(passed[passed > 0.0])) if (passed > 0.0).any() else 0.0
     return fault(
@@ -161,7 +161,7 @@ def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "")
 
 
 def require_rate(rate: float) -> float:
-    """Return a sampling rate [Hz], and raise if it is none."""
+    """Raise unless a sampling rate [Hz] is valid; return it."""
     if isinstance(rate, bool) or not 0 < rate < np.inf:
         raise OptionError(f"{rate!r} is no rate", key="rate", way_out="give samples a second, such as 100")
     return float(rate)
@@ -176,7 +176,7 @@ def doubts(
     stated: Collection[str] = (),
     origin: Origin = IN_MEMORY,
 ) -> tuple[Doubt, ...]:
-    """Return what looks wrong in a movement.
+    """Return the suspected faults of a movement.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def doubts(
     position : array, shape (n_steps, n_dims), in `unit`
     unit : unit of `position`
     orientation : array, shape (n_steps, 4), unit quaternions; None if none was recorded
-    stated : what is not questioned: `TIME`, `UNIT`
+    stated : certain facts: `TIME`, `UNIT`
     origin : names of the samples in messages
     """
     extent = float(np.ptp(position, axis=0).max())
@@ -198,9 +198,9 @@ def doubts(
 
 
 def _wrong_unit(time: Array, position: Array, extent: float, unit: str) -> Doubt | None:
-    """Return the doubt about a movement that is too large for its unit.
+    """Return the doubt about a movement too large for its unit.
 
-    Taking metres for millimetres yields a tiny movement that any robot can make, so that nobody is warned later.
+    Metres read as millimetres would yield a tiny movement that any robot can perform, without any later warning.
     """
     if extent <= EXTENTS.get(unit, np.inf):
         return None
@@ -250,7 +250,7 @@ def _still(extent: float, unit: str, orientation: Array | None) -> Doubt | None:
 
 
 def _hole(time: Array, origin: Origin) -> Doubt | None:
-    """Return the doubt about time without samples: 25 usual steps or more, and 1 s at least."""
+    """Return the doubt about time without samples: 25 usual steps, and 1 s at least."""
     steps = np.diff(time)
     if len(steps) < 10:
         return None
@@ -269,7 +269,7 @@ def _hole(time: Array, origin: Origin) -> Doubt | None:
 
 
 def _jump(time: Array, position: Array, unit: str, extent: float, origin: Origin) -> Doubt | None:
-    """Return the doubt about a jump between two samples: a tenth of the extent, 20 times what is usual around it."""
+    """Return the doubt about a jump: a tenth of the extent, and 20 times the usual step around it."""
     lengths = np.linalg.norm(np.diff(position, axis=0), axis=1)
     half = 5
     if len(lengths) < 6 * half or extent <= STILL:

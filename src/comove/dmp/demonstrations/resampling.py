@@ -1,4 +1,4 @@
-"""Interpolation and smoothing of recorded positions and orientations, as pure functions of arrays.
+"""Interpolation and smoothing of recorded positions and orientations.
 
 Throughout, `time` is an array (n_steps,) [s], increasing from 0; `position` is (n_steps, n_dims) [m]; `orientation`
 is (n_steps, 4), unit quaternions w x y z whose neighbours are in one hemisphere.
@@ -15,7 +15,7 @@ from comove.errors import OptionError
 def resample(
     time: NDArray[np.float64], position: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate positions by a monotone cubic (PCHIP) at the times `at`, which are within `time`.
+    """Interpolate positions at times within `time` by a monotone cubic (PCHIP).
 
     A spline would be smoother, but two jittering time stamps may be microseconds apart, and the steep chord between
     their samples makes a spline overshoot by metres. PCHIP stays between neighbours.
@@ -28,7 +28,7 @@ def resample(
 def slerp(
     time: NDArray[np.float64], orientation: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate orientations at the times `at` along the shortest turn, at constant speed; samples are exact."""
+    """Interpolate orientations along the shortest turn at constant speed. Samples are exact."""
     before = (np.searchsorted(time, at, side="right") - 1).clip(0, len(time) - 2)
     share = ((at - time[before]) / (time[before + 1] - time[before])).clip(0.0, 1.0)[:, None]
     start, goal = orientation[before], orientation[before + 1]
@@ -46,7 +46,7 @@ def slerp(
 def smooth_orientation(
     time: NDArray[np.float64], orientation: NDArray[np.float64], cutoff_hz: float
 ) -> NDArray[np.float64]:
-    """Filter quaternions as `smooth` does positions and normalise them; both ends stay exactly.
+    """Filter quaternions as `smooth` does positions, and normalise them. Both ends stay exactly.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def smooth_orientation(
 
 
 def noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float:
-    """Estimate the standard deviation of the noise in a recording, all dimensions together [m].
+    """Estimate the standard deviation of a recording's noise, all dimensions together [m].
 
     It is estimated from fourth differences, in which movements vanish but noise does not; 0 for fewer than 8 samples.
     """
@@ -81,10 +81,10 @@ def noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float:
 
 
 def cutoff_of_noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
-    """Return the lowest cutoff [Hz] at which a filter removes no more than the noise (the discrepancy principle).
+    """Return the lowest cutoff [Hz] that removes only noise, or None.
 
-    From 0.9 of the Nyquist frequency down to 2 oscillations during the movement are tried. Return None if the noise
-    is below 1e-5 of the movement's extent, where nobody sees it.
+    This is the discrepancy principle. From 0.9 of the Nyquist frequency down to 2 oscillations during the movement
+    are tried. It is None if the noise is below 1e-5 of the movement's extent, which is negligible.
     """
     deviation, extent = noise(time, position), float(np.ptp(position, axis=0).max())
     if deviation <= 1e-5 * extent:
@@ -106,7 +106,7 @@ def is_even(time: NDArray[np.float64]) -> bool:
 
 
 def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: float) -> NDArray[np.float64]:
-    """Remove frequencies above `cutoff_hz` by a zero-phase Butterworth filter; both ends stay exactly.
+    """Remove frequencies above `cutoff_hz` by a zero-phase Butterworth filter. Both ends stay exactly.
 
     The line from start to goal is subtracted before filtering, so that the rest vanishes at both ends and its odd
     extension, with which the filter works, is smooth there. At `cutoff_hz` [Hz], which is below the Nyquist
@@ -128,5 +128,4 @@ def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: 
 
 
 def _line(position: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the straight line from first to last row, shape (n_steps, n_dims), at constant speed over `time`."""
     return position[0] + np.outer(time / time[-1], position[-1] - position[0])

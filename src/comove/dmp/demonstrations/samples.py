@@ -1,4 +1,4 @@
-"""Samples of movements as files hold them, and what the readers and writers of all formats share."""
+"""Samples of movements as files hold them, for all formats."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ SAY_UNIT = f"replace {WHICH_UNIT} by m or mm of positions, by rad or deg of join
 
 
 def fault(file: object, key: str | None, message: str, way_out: str, **options: Any) -> DemonstrationError:
-    """Return the error about a recording: its file, the place in it, what is wrong, and what to do.
+    """Return the error about a recording, with place and advice.
 
     Parameters
     ----------
-    options : options of reading it that settle the matter, for the command that is printed
+    options : options that solve the problem, for the printed command
     """
     error = DemonstrationError(message, file=file, key=key, way_out=way_out)
     error.options = options
@@ -36,7 +36,7 @@ def fault(file: object, key: str | None, message: str, way_out: str, **options: 
 
 @contextmanager
 def advising(path: object, given: Mapping[str, Any]) -> Iterator[None]:
-    """Add to the advice of a `fault` the command with the options that were `given` and those that settle it."""
+    """Append to a `fault` the command with given and solving options."""
     try:
         yield
     except DemonstrationError as error:
@@ -53,7 +53,7 @@ def require_bytes(file: Path) -> None:
 
 @contextmanager
 def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_out: str) -> Iterator[None]:
-    """Convert a library's exceptions on damaged bytes to a fault that says that the file is no whole `what`."""
+    """Convert a library's exceptions on damaged bytes to a fault."""
     try:
         yield
     except (DemonstrationError, Warning):
@@ -64,7 +64,7 @@ def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_o
 
 
 def learn_command(path: object, **options: Any) -> str:
-    """Return the command that learns from a recording with some options of reading it.
+    """Return the command that learns from a recording with some options.
 
     >>> learn_command("my hand.csv", columns=["X", "Y"], rate=100, clean=None)
     "comove learn 'my hand.csv' --columns X,Y --rate 100 --out 'my hand.json'"
@@ -92,7 +92,7 @@ _EVEN_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Origin:
-    """Names the places of samples in messages as the user knows them.
+    """Names of the places of samples in messages.
 
     Attributes
     ----------
@@ -116,12 +116,11 @@ TIME, UNIT = "time", "unit"
 
 @dataclass(frozen=True, eq=False)
 class RecordedSamples:
-    """One movement as a reader finds it and a writer needs it; `Demonstration` checks it and explains its fields.
+    """One movement as read or to be written. `Demonstration` checks it and explains its fields.
 
     Attributes
     ----------
-    stated : what the file or the user states, so that it is not questioned: `TIME`, that time is in
-        seconds, and `UNIT`
+    stated : statements of the file or the user, which are not questioned: `TIME`, that time is in seconds, and `UNIT`
     origin : names of the places of its samples in the file
     """
 
@@ -137,11 +136,11 @@ class RecordedSamples:
 
     @property
     def is_joints(self) -> bool:
-        """Return whether the coordinates are those of joints, which no hand can follow as a path."""
+        """Return whether the coordinates are joints', not an end effector's path."""
         return is_of_joints(self.unit) or (bool(self.axes) and not is_length(self.unit))
 
     def stating(self, unit: str) -> Self:
-        """Return the movement with the unit of its positions, or joints, that a user states.
+        """Return the movement with the unit that a user states.
 
         Raises
         ------
@@ -179,7 +178,7 @@ class RecordedSamples:
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of recordings: how files of it are recognised, read and written.
+    """A kind of recordings: recognition, reading and writing of files.
 
     Attributes
     ----------
@@ -188,7 +187,7 @@ class Format:
         each part, and takes the name of a single one as the keyword argument that `part` names
     suffixes : suffixes of its files, in lower case
     marker : file by which a folder of this kind is recognised
-    part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
+    part : kind of part, "episode" or "topic", of which a file may hold several; empty if it holds one recording
     parts : function of a path that returns the names of its parts; a mapping adds a word about each
     bodies : function of a path, and of the same options as `read`, that returns the names of the manipulators without
         reading their numbers; None if there is no cheaper way than to read them
@@ -209,7 +208,7 @@ class Format:
 
 
 def select_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
-    """Return `name` if it is one of `names`, or the only one that exists.
+    """Return `name` if it exists, or the only name.
 
     Parameters
     ----------
@@ -236,7 +235,7 @@ def select_name(names: Iterable[str], name: str | None, file: object, what: str)
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:
-    """Return the names to read: all, or only the requested one, given by its name or its number.
+    """Return the names to read: all, or the requested one. It is given by its name or its number.
 
     Raises
     ------
@@ -254,7 +253,7 @@ def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file
 def by_manipulator(
     demos: RecordedSamples | Mapping[str, RecordedSamples], file: object, *, alike: bool = True
 ) -> dict[str, RecordedSamples]:
-    """Return movements by manipulator, a single one under "", after a check that one file can hold them.
+    """Return movements by manipulator, checked to fit into one file. A single one is under "".
 
     Parameters
     ----------
@@ -299,7 +298,7 @@ Episodes = (
 
 
 def as_episodes(episodes: Episodes, file: object) -> list[dict[str, RecordedSamples]]:
-    """Return each episode as movements by manipulator, after a check that one file can hold them.
+    """Return episodes as movements by manipulator, checked to fit one file.
 
     Raises
     ------
@@ -324,7 +323,7 @@ def as_episodes(episodes: Episodes, file: object) -> list[dict[str, RecordedSamp
 
 
 def even_rate(demos: Mapping[str, RecordedSamples], file: object) -> float:
-    """Return the sampling rate [Hz] of movements with common time stamps, for formats that keep only a rate.
+    """Return the sampling rate [Hz] of movements with common stamps.
 
     Raises
     ------
@@ -349,7 +348,7 @@ def even_rate(demos: Mapping[str, RecordedSamples], file: object) -> float:
 
 
 def common_rate(episodes: Sequence[Mapping[str, RecordedSamples]], file: object) -> float:
-    """Return the sampling rate of all episodes [Hz], for formats that keep one.
+    """Return the common sampling rate of all episodes [Hz].
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Segmentation of a long recording into its movements.
 
-A movement ends where the hand stands still, and, optionally, at corners, where it is slow and the path turns, as the
-two-thirds power law describes it for every stroke of a hand. Pure functions; the returned samples are neither moved
-nor filtered.
+A movement ends where the end effector rests, and, optionally, at corners, where it is slow and the path turns, as the
+two-thirds power law describes it for human strokes. Pure functions; the returned samples are neither moved nor
+filtered.
 
 The speed is computed after a zero-phase low-pass filter. It counts as still below a share of the largest speed, and
 always where it does not exceed the effect of the recording's noise on the speed. The noise is estimated from fourth
@@ -23,7 +23,7 @@ from comove.errors import OptionError
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Says what counts as a movement; the first five are the options of `segment`.
+    """Criteria of a movement. The first five are the options of `segment`.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Segmentation:
     noise_moving, noise_still : multiples of the noise in the speed that a movement exceeds, and that standing still
         may reach
     cutoff_share : largest cutoff of the low-pass, as a share of the sampling rate
-    smallest_turn : a hand whose orientation differs less than this from the first sample's is not turning [rad]
+    smallest_turn : an orientation that differs less than this from the first sample's is not turning [rad]
     corner_depth : a corner is slower than this share of the largest speeds on either side of it
 
     Raises
@@ -146,7 +146,7 @@ class _Track:
 
 
 def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> float:
-    """Return the standard deviation of a velocity, filtered at `cutoff`, that white noise in `position` causes [m/s].
+    """Return the standard deviation of filtered velocity due to white noise [m/s].
 
     White noise of deviation s has the power 2 s^2 / rate at each frequency up to the Nyquist frequency;
     differentiation weights it by (2 pi f)^2, and the filter ends the integral near its cutoff.
@@ -161,7 +161,7 @@ def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> f
 
 
 def _moving(track: _Track, options: Segmentation) -> NDArray[np.bool_]:
-    """Return for each sample whether it belongs to a movement, with hysteresis.
+    """Return which samples belong to a movement, with hysteresis.
 
     A run above the lower threshold is a movement if it exceeds the upper one at some sample.
     """
@@ -177,7 +177,7 @@ def _moving(track: _Track, options: Segmentation) -> NDArray[np.bool_]:
 
 
 def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float) -> NDArray[np.bool_]:
-    """Fill the gaps between movements shorter than `min_pause` [s], also those at the ends of the recording."""
+    """Fill gaps shorter than `min_pause` [s], also at the ends."""
     if not moving.any():
         return moving
     gaps = _runs(~moving)
@@ -185,10 +185,10 @@ def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float
 
 
 def _to_rest(track: _Track, bounds: NDArray[np.int64], options: Segmentation) -> NDArray[np.int64]:
-    """Extend runs to where the speed has fallen to a small share of their own largest, or into the noise.
+    """Extend runs to where the speed is small, or noise.
 
-    A common threshold would cut the slow beginning off a slow movement beside a fast one. If the gap between two
-    movements never gets so slow, its slowest sample separates them.
+    Small is relative to their own largest speed. A common threshold would cut the slow beginning off a slow movement
+    beside a fast one. If the gap between two movements never gets so slow, its slowest sample separates them.
     """
     if not len(bounds):
         return bounds
@@ -218,7 +218,7 @@ def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _filled(runs: NDArray[np.int64], n_steps: int) -> NDArray[np.bool_]:
-    """Return the mask, shape (n_steps,), that is True within the runs: the inverse of `_runs`."""
+    """Return the mask (n_steps,) of runs: the inverse of `_runs`."""
     edges = np.zeros(n_steps + 1, dtype=np.int64)
     edges[runs[:, 0]] += 1
     edges[runs[:, 1]] -= 1
@@ -228,7 +228,7 @@ def _filled(runs: NDArray[np.int64], n_steps: int) -> NDArray[np.bool_]:
 def _cut_at_corners(
     track: _Track, bounds: NDArray[np.int64], corner: float, options: Segmentation
 ) -> NDArray[np.int64]:
-    """Cut runs at minima of the speed where the path turns by `corner` [rad] or more.
+    """Cut runs at speed minima where the path turns by `corner` [rad].
 
     The turn is measured between the chord from the place of largest speed before the minimum and the chord to the one
     after it. It depends neither on the speed nor on the position of the path.

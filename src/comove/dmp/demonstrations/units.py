@@ -38,7 +38,7 @@ UNITS = {unit: unit for unit in (*LENGTHS, *TIMES, *ANGLES)} | {
 
 
 def unit_named(text: str) -> str | None:
-    """Return the unit that a text spells in any case; None for an unknown one.
+    """Return the unit that a text spells in any case, else None.
 
     >>> [unit_named(text) for text in ("Seconds", "msec", "Meters", "m/s")]
     ['s', 'ms', 'm', None]
@@ -57,7 +57,7 @@ def is_angle(unit: str | None) -> bool:
 
 
 def is_of_joints(unit: str) -> bool:
-    """Return whether a unit is one of movements of joints: an angle, or what LeRobot's arms record.
+    """Return whether a unit is of joints: an angle or LeRobot's.
 
     >>> [is_of_joints(unit) for unit in ("rad", "rad/m", "LeRobot unit", "mm", "LASA unit")]
     [True, True, True, False, False]
@@ -66,7 +66,7 @@ def is_of_joints(unit: str) -> bool:
 
 
 def base_unit(unit: str) -> str:
-    """Return the unit in which comove keeps a quantity: metres, seconds or radians; other units stay.
+    """Return the unit in which comove keeps a quantity. They are metres, seconds and radians; other units stay.
 
     >>> [base_unit(unit) for unit in ("mm", "deg", "ns", "LASA unit")]
     ['m', 'rad', 's', 'LASA unit']
@@ -76,7 +76,7 @@ def base_unit(unit: str) -> str:
 
 
 def in_base_unit(unit: str) -> float:
-    """Return the size of a unit in metres, radians or seconds; 1 for other units."""
+    """Return a unit's size in base units; 1 for unknown ones."""
     return (LENGTHS | ANGLES | TIMES).get(unit, 1.0)
 
 

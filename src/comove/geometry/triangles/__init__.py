@@ -1,4 +1,4 @@
-"""Strict readers of triangles from mesh files: damaged files and false claims are refused, in one sentence."""
+"""Strict readers of mesh files, which refuse damaged files."""
 
 from comove.geometry.triangles.reader import elements_of
 from comove.geometry.triangles.reader import (

@@ -43,7 +43,6 @@ def read_collada(data: bytes) -> tuple[Array, Integers]:
 
 
 def _metres(root: ET.Element) -> float:
-    """Return the length of the file's unit [m]."""
     unit = root.find("asset/unit")
     metres = 1.0 if unit is None else numbers([unit.get("meter", "1").strip().encode()])[0]
     if not 0.0 < metres < 1e6:
@@ -62,7 +61,7 @@ def _scene(root: ET.Element, document: _Document) -> ET.Element:
 
 
 class _Document:
-    """A document that finds elements by their names and keeps the geometries already read."""
+    """A document that finds elements by name and caches geometries."""
 
     def __init__(self, root: ET.Element):
         self.by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
@@ -78,7 +77,7 @@ class _Document:
         return found
 
     def shapes(self, node: ET.Element, place: Array, depth: int) -> Iterator[Array]:
-        """Yield the triangles (n, 3, 3) of all geometries below a node, placed by the nodes' transformations."""
+        """Yield the triangles (n, 3, 3) of all geometries below a node. The nodes' transformations are applied."""
         self._count(depth)
         for part in node:
             if part.tag in _TRANSFORMS:
@@ -120,7 +119,6 @@ class _Document:
         return self.read[name]
 
     def _triangles(self, part: ET.Element) -> Array:
-        """Return the triangles (n, 3, 3) of one list of triangles or polygons."""
         if part.tag not in ("triangles", "polylist", "polygons", "tristrips", "trifans"):
             raise MeshError(
                 f"it holds <{shown(part.tag.encode())}>, which is not read", way_out="write triangles"
@@ -151,9 +149,7 @@ class _Document:
         return vertices[faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]]
 
     def _input(self, part: ET.Element) -> tuple[Array, int, int]:
-        """Return the vertices of a list of faces, the place of the vertex index in a corner, and the numbers per
-        corner.
-        """
+        """Return a face list's vertices, and index offset and stride per corner."""
         inputs = part.findall("input")
         offsets = [_whole(one, "offset") for one in inputs]
         vertex = [k for k, one in enumerate(inputs) if one.get("semantic") == "VERTEX"]

@@ -49,7 +49,7 @@ def read_obj(data: bytes) -> tuple[Array, Integers]:
 
 
 def _corners(words: list[bytes], n_vertices: int, number: int) -> list[int]:
-    """Return the vertices of a face, counted from 0; numbers of texture and normal after a slash are ignored."""
+    """Return a face's vertex indices, from 0, without texture and normal."""
     said = [int(found[0]) for found in map(_INDEX.match, words) if found]
     if len(said) < len(words):
         raise MeshError(f"line {number}: '{shown(b' '.join(words))}' is no face", way_out=ANEW)

@@ -29,7 +29,7 @@ _WAY_OUT = "write vertices with x, y, z and faces with vertex_indices"
 
 @dataclass
 class _Property:
-    """A property that has one number per row, or a list of numbers whose length has the type `length`."""
+    """A property of a row: a number, or a list with `length` type."""
 
     name: str
     kind: str
@@ -62,7 +62,7 @@ def read_ply(data: bytes) -> tuple[Array, Integers]:
 
 
 def _header(data: bytes) -> tuple[str, list[_Element], int]:
-    """Return the byte order ("" for text), the elements, and the position at which their data begin."""
+    """Return byte order ("" for text), elements, and the data's position."""
     if data[:3] != b"ply":
         raise MeshError(
             "it is no PLY: it does not begin with 'ply'", way_out="correct its name, or write it anew"
@@ -125,7 +125,7 @@ def _faces(columns: Columns) -> Integers:
 
 
 class _Body:
-    """Body of a file after its header: numbers of a text or bytes, read one element after the other."""
+    """The data of a file: numbers, read one element after the other."""
 
     def __init__(self, data: bytes, start: int, order: str):
         self.order, self.at = order, start if order else 0
@@ -166,7 +166,7 @@ class _Body:
         }
 
     def _row(self, element: _Element) -> list[Array]:
-        """Return the numbers of each property in the row that begins at the present cell."""
+        """Return the numbers of each property in the present row."""
         row = []
         for p in element.properties:
             size = float(self._taken(p.length, 1)[0]) if p.length else 1.0

@@ -1,4 +1,4 @@
-"""Reader of the triangles of a mesh in any of the known formats, and the checks that all formats share.
+"""Reader of meshes in all known formats, with shared checks.
 
 XML is read safely from hostile files: no document type, limited depth, limited number of elements. Namespaces are not
 resolved: names are kept as they are written, as in ``drake:acceleration``. So prefixes need not be declared, which
@@ -28,7 +28,7 @@ _DECIMAL = b"0123456789+-.eE "
 
 
 def numbers(texts: Sequence[bytes]) -> Array:
-    """Return plain decimal numbers from their texts: no NaN, no infinity, no underscores, no decimal commas."""
+    """Return plain decimal numbers from texts. NaN, infinity, underscores and decimal commas are refused."""
     joined = b" ".join(texts)
     if not joined.translate(None, _DECIMAL):
         with suppress(ValueError, DeprecationWarning), warnings.catch_warnings():
@@ -49,7 +49,7 @@ def _is_number(text: bytes) -> bool:
 
 
 def whole(text: bytes, what: str, largest: int) -> int:
-    """Return a whole number from 0 to `largest`, the number of items for which there is room."""
+    """Return a whole number from 0 to `largest`, the available items."""
     if not text.isdigit() or len(text) > 18:
         raise MeshError(f"'{shown(text)}' is no number of {what}", way_out=ANEW)
     if int(text) > largest:
@@ -58,15 +58,13 @@ def whole(text: bytes, what: str, largest: int) -> int:
 
 
 def shown(text: bytes) -> str:
-    """Return the first characters of a text in a file, made safe to be quoted in a message."""
+    """Return a file's text, shortened and printable, to quote in messages."""
     words = text[:40].decode(errors="replace")
     return "".join(c if c.isprintable() else "?" for c in words) + ("..." if len(text) > 40 else "")
 
 
 def fans(sizes: Integers, corners: Integers) -> Integers:
-    """Return the triangles (n, 3) of polygons, each split into a fan from its first corner.
-
-    A fan also covers a concave polygon.
+    """Return the triangles (n, 3) of polygons, split into fans. A fan also covers a concave polygon.
 
     Parameters
     ----------
@@ -84,7 +82,7 @@ def fans(sizes: Integers, corners: Integers) -> Integers:
 
 
 def require_few(n_faces: int) -> None:
-    """Refuse more than `MAX_FACES` faces."""
+    """Raise MeshError for more than `MAX_FACES` faces."""
     if n_faces > MAX_FACES:
         raise MeshError(f"it has {n_faces} triangles, more than {MAX_FACES}", way_out=SIMPLER)
 
@@ -116,7 +114,6 @@ def elements_of(data: bytes) -> ET.Element:
 
 
 def _refuse_doctype(*_: Any) -> None:
-    """Refuse a document type, in which entities would be defined."""
     raise MeshError("it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out")
 
 
@@ -126,7 +123,7 @@ class _Builder(ET.TreeBuilder):
     depth = n_elements = 0
 
     def start(self, tag: Any, attributes: Any) -> ET.Element:
-        """Open an element, and refuse it where a limit is exceeded."""
+        """Open an element, or raise MeshError where a limit is exceeded."""
         self.depth += 1
         self.n_elements += 1
         if self.depth > MAX_DEPTH:
@@ -154,7 +151,7 @@ FARTHEST = 1e9  # largest coordinate; larger ones are no lengths, and overflow s
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the bytes of a file, of which at most `MAX_BYTES` + 1 are read."""
+    """Return a file's bytes, at most `MAX_BYTES` + 1."""
     try:
         if not path.is_file():
             raise MeshError("it is no file", way_out="name a mesh")
@@ -165,7 +162,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def triangles_of(data: bytes, suffix: str) -> tuple[Array, Integers]:
-    """Return vertices and faces of a mesh, from a file's bytes and the suffix of its name.
+    """Return vertices and faces of a mesh, from bytes and suffix.
 
     Returns
     -------
@@ -197,7 +194,6 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Integers]:
 
 
 def _reader(name: str) -> Callable[[bytes], tuple[Array, Integers]]:
-    """Return the reader of a format."""
     reader: Callable[[bytes], tuple[Array, Integers]] = getattr(
         import_module(f"comove.geometry.triangles.{name}"), f"read_{name}"
     )

@@ -3,14 +3,14 @@
 ============== =================================================================================
 constraint     requirement
 ============== =================================================================================
-distance       two hands stay a given distance apart
-relative pose  two hands move as one rigid body, also about the line through them
-separation     two hands stay at least a given distance apart
-upright        the load turns about the vertical only, or leans little (in the plane: not at all)
+distance       two end effectors stay a given distance apart
+relative pose  two end effectors move as one rigid body, also about the line through them
+separation     two end effectors stay at least a given distance apart
+upright        the payload turns about the vertical only, or leans little (in the plane: not at all)
 no rotation    the payload keeps its orientation
 axis           the payload turns about one axis only
 planar         the payload moves in a plane and turns about its normal only
-same height    two hands are at the same height
+same height    two end effectors are at the same height
 ============== =================================================================================
 """
 

@@ -1,8 +1,8 @@
 """Protocol of constraints: keys in a scene file, error, and a bound of that error.
 
 The keys are a pydantic model, `ConstraintKeys`; its method `resolved` returns the constraint itself, a frozen
-`Constraint` with hands by number and SI units. The error is a function of sampled hands. Its bound over continuous
-time follows from how far hands stray from the chords between their samples, which a `Course` knows.
+`Constraint` with end effectors by number and SI units. The error is a function of sampled positions. Its bound in
+continuous time follows from bounds of the interpolation error between samples, which a `Course` provides.
 
 The vertical is the last coordinate: z in space, y in the plane.
 """
@@ -24,12 +24,12 @@ ROUNDING = 1e-9
 
 
 class Hands(NamedTuple):
-    """The hands of a scene file, as keys are resolved: names in order, who holds the load, and where they start.
+    """The end effectors of a scene file, for the resolution of keys.
 
     Attributes
     ----------
-    names : names of the hands
-    holders : numbers of the hands that hold the load
+    names : names of the end effectors
+    holders : numbers of those that hold the payload
     start : array, shape (n_hands, 3), [m]
     payload : array, shape (3, 3), orientation at the start of a payload whose poses are given; None for others
     n_dims : 2 in the plane, 3 in space
@@ -42,12 +42,12 @@ class Hands(NamedTuple):
     n_dims: int = 3
 
     def numbers(self, names: Sequence[str]) -> tuple[int, ...]:
-        """Return the numbers of hands."""
+        """Return the numbers of end effectors by name."""
         return tuple(self.names.index(name) for name in names)
 
 
 class Course(ABC):
-    """Describes the hands at every instant: their positions at knots, and how far they stray in between.
+    """The end effectors at every instant: knots and interpolation errors.
 
     Attributes
     ----------
@@ -60,31 +60,31 @@ class Course(ABC):
 
     @abstractmethod
     def stray(self, hands: Sequence[int]) -> Array:
-        """Return the sum of the largest distances of hands from their chords; array, shape (n_intervals,) [m]."""
+        """Return the summed interpolation errors; array, shape (n_intervals,) [m]."""
 
     @abstractmethod
     def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
-        """Return some coordinates of one hand relative to another, and how far they stray from their chords.
+        """Return relative coordinates of two end effectors, and interpolation errors.
 
         Arrays, shapes (n_knots, n_axes) and (n_intervals,) [m].
         """
 
     @abstractmethod
     def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
-        """Return whether two hands are on one rigid body; with `roll`, one that may not roll unseen between them."""
+        """Return whether two end effectors are on one body; with `roll`, whether that includes their roll."""
 
     @abstractmethod
     def tilting(self, hands: Sequence[int]) -> Array:
-        """Return by how much lines between hands may tilt more between two knots than at the worse of them.
+        """Return how much lines may tilt beyond their tilt at knots.
 
-        Array, shape (n_intervals,) [rad]; infinite where nothing is known.
+        The lines are between end effectors. Array, shape (n_intervals,) [rad]; infinite where unknown.
         """
 
     @abstractmethod
     def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
-        """Return a direction that is fixed in the body which moves a hand, and how far it strays from its chords.
+        """Return a direction fixed in a body, and its interpolation error.
 
-        Arrays, shapes (n_knots, 3) and (n_intervals,); infinite where nothing is known.
+        Arrays, shapes (n_knots, 3) and (n_intervals,); infinite where unknown.
 
         Parameters
         ----------
@@ -92,9 +92,10 @@ class Course(ABC):
         """
 
     def leans(self, hand: int, own: Array, world: Array) -> float:
-        """Return an upper bound of the angle between a body's direction and one of the world at every instant [rad].
+        """Return a bound of the angle between two directions [rad].
 
-        Directions within an angle of another form a convex cone, which holds a chord if it holds its ends.
+        One is of the body, the other of the world; it holds at every instant. Directions within an angle of another
+        form a convex cone, which holds a chord if it holds its ends.
         """
         there, stray = self.direction(hand, own)
         angle = np.arctan2(np.linalg.norm(np.cross(there, world), axis=1), there @ world)
@@ -103,7 +104,7 @@ class Course(ABC):
         return float(np.where(stray < 0.5, np.maximum(angle[1:], angle[:-1]) + beyond, np.inf).max())
 
     def apart(self, first: int, second: int) -> tuple[float, float]:
-        """Return a lower and an upper bound of the distance of two hands at every instant [m]."""
+        """Return bounds of two end effectors' distance at every instant [m]. The first is the lower one."""
         if self.rigid(first, second):
             distance = np.linalg.norm(self.position[:, first] - self.position[:, second], axis=1)
             return float(distance.min()), float(distance.max())
@@ -114,19 +115,16 @@ class Course(ABC):
 
 
 def nearest_on_chords(points: Array) -> Array:
-    """Return the least distances from 0 of the chords between successive points.
-
-    (n_points, n_dims) -> (n_points - 1,).
-    """
+    """Return the least distances from 0 of chords between points. (n_points, n_dims) -> (n_points - 1,)."""
     here, step = points[:-1], np.diff(points, axis=0)
     along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
     return np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
 
 
 class Constraint(ABC):
-    """A demand on the hands at every instant: its error is at most its tolerance.
+    """A requirement at every instant: its error is within its tolerance.
 
-    A kind that the search knows nothing of is sampled there, and bounded here by what it says of its error.
+    A kind without support in the search is sampled there, and bounded here by the properties of its error.
 
     Attributes
     ----------
@@ -134,9 +132,9 @@ class Constraint(ABC):
     kind : the kind's name in scene files
     report : name of the kind's measure in reports
     sampled : whether the search has to sample the error; False where coordinates hold it or distances are measured
-    turning : whether hands alone do not tell it: it is about how a body is turned
+    turning : whether it concerns a body's orientation, which positions do not determine
     convex : whether the error along a chord is never larger than at its ends
-    slope : upper bound of the change of the error per metre that one hand moves
+    slope : upper bound of the change of the error per metre that one end effector moves
     n_pieces : pieces into which a chord is cut where the error may be larger inside than at its ends
     """
 
@@ -152,11 +150,11 @@ class Constraint(ABC):
     @property
     @abstractmethod
     def hands(self) -> tuple[int, ...]:
-        """Return the numbers of the hands that it concerns."""
+        """Return the numbers of its end effectors."""
 
     @abstractmethod
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return by how much samples miss the constraint, [m] or [rad]; array, shape (n_samples,).
+        """Return the samples' errors, [m] or [rad]; array, shape (n_samples,).
 
         Parameters
         ----------
@@ -166,11 +164,11 @@ class Constraint(ABC):
 
     @abstractmethod
     def reason(self, error: float, names: Sequence[str]) -> str:
-        """Return in words why the constraint does not hold, for hands of these names."""
+        """Return in words why the constraint does not hold."""
 
     @property
     def allowed(self) -> float:
-        """Return the largest error that passes."""
+        """Return the largest accepted error."""
         return max(self.tolerance, ROUNDING)
 
     def bound(self, course: Course) -> float:
@@ -189,41 +187,41 @@ class Constraint(ABC):
         return float((worst + stray).max())
 
     def measure(self, error: float) -> float:
-        """Return the number that reports give for an error: by how much it exceeds the tolerance."""
+        """Return the measure in reports: the error beyond the tolerance."""
         return error - self.tolerance
 
     def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
-        """Return in words that a scene's start or goal misses the constraint, and what to write instead."""
+        """Return a message about a start or goal, and advice."""
         return f"at the {end} {self.reason(error, names)}", "move a hand, or ask for less"
 
     def level(self, ends: Array) -> tuple[tuple[int, int], ...]:
-        """Return the pairs of hands that share a height, and so a column of the coordinates, whatever moves.
+        """Return the pairs of end effectors that always share a height. Such pairs share a column of the coordinates.
 
         Parameters
         ----------
-        ends : array, shape (2, n_hands, n_dims), the hands at start and goal [m]
+        ends : array, shape (2, n_hands, n_dims), the end effectors at start and goal [m]
         """
         return ()
 
     def needs_body(self, ends: Array) -> bool:
-        """Return whether only coordinates of a rigid body hold the constraint; `ends` as for `level`."""
+        """Return whether only a rigid body's coordinates hold the constraint. `ends` is as for `level`."""
         return False
 
 
 @dataclass(frozen=True)
 class PairConstraint(Constraint):
-    """A constraint between two hands, given by their numbers."""
+    """A constraint between two end effectors, given by their numbers."""
 
     first: int
     second: int
 
     @property
     def hands(self) -> tuple[int, ...]:
-        """Return the numbers of both hands."""
+        """Return the numbers of both end effectors."""
         return self.first, self.second
 
     def apart(self, position: Array) -> Array:
-        """Return the distances of both hands; array, shape (n_samples,) [m]."""
+        """Return their distances; array, shape (n_samples,) [m]."""
         return np.linalg.norm(position[:, self.first] - position[:, self.second], axis=1)
 
     def pair(self, names: Sequence[str]) -> str:
@@ -237,11 +235,11 @@ class ConstraintKeys(Part):
     type: str
 
     def resolved(self, hands: Hands) -> Constraint:
-        """Return the constraint, with hands by number and the tolerance filled in."""
+        """Return the constraint with numbers and the default tolerance."""
         raise NotImplementedError(f"{type(self).__name__} has no method `resolved`")
 
 
 class PairKeys(ConstraintKeys):
-    """The keys of a constraint between two hands."""
+    """The keys of a constraint between two end effectors."""
 
     between: Pair

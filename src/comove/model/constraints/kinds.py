@@ -1,4 +1,4 @@
-"""The kinds of constraints: two hands' distance, relative pose, separation and heights, and a load kept upright."""
+"""The kinds of constraints between end effectors and on payloads."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from comove.model.constraints.constraint import (
 
 @dataclass(frozen=True)
 class DistanceConstraint(PairConstraint):
-    """A constraint that keeps ``| |y_first - y_second| - distance | <= tolerance`` at every instant, [m]."""
+    """A constraint on a distance [m]: ``| |y_first - y_second| - distance | <= tolerance``."""
 
     distance: float
     tolerance: float
@@ -36,7 +36,7 @@ class DistanceConstraint(PairConstraint):
     sampled = False
 
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return by how much the distance is off [m]."""
+        """Return the deviation of the distance [m]."""
         return np.abs(self.apart(position) - self.distance)
 
     def bound(self, course: Course) -> float:
@@ -55,19 +55,19 @@ class DistanceConstraint(PairConstraint):
 
 
 def distance_tolerance(tolerance: float | None, distance: float) -> float:
-    """Return the tolerance of a distance or relative pose [m]; where it is None, a thousandth of the distance."""
+    """Return the tolerance of a distance or relative pose [m]. By default it is a thousandth of the distance."""
     return 1e-3 * distance if tolerance is None else tolerance
 
 
 class DistanceKeys(PairKeys):
-    """A constraint that keeps two hands `distance` apart, within `tolerance` (None: not given) [m]."""
+    """A constraint that keeps two end effectors `distance` apart, within `tolerance` [m]."""
 
     type: Literal["distance"]
     distance: PositiveLength
     tolerance: Length | None = None
 
     def resolved(self, hands: Hands) -> DistanceConstraint:
-        """Return the constraint, with a thousandth of the distance as its tolerance where none is given."""
+        """Return the constraint, its tolerance a thousandth by default."""
         first, second = hands.numbers(self.between)
         tolerance = distance_tolerance(self.tolerance, self.distance)
         return DistanceConstraint(first, second, self.distance, tolerance)
@@ -75,11 +75,10 @@ class DistanceKeys(PairKeys):
 
 @dataclass(frozen=True)
 class RelativePoseConstraint(PairConstraint):
-    """A constraint that makes two hands parts of one rigid body.
+    """A constraint that makes two end effectors parts of one body.
 
-    Start and goal may miss the hands' distance by `tolerance` [m].
-
-    A `DistanceConstraint` of the same hands states how far they are apart.
+    Start and goal may miss their distance by `tolerance` [m]. A `DistanceConstraint` of the same end effectors states
+    how far they are apart.
     """
 
     tolerance: float
@@ -89,11 +88,11 @@ class RelativePoseConstraint(PairConstraint):
     turning = True
 
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return 0: positions do not tell how hands are turned, and their distance is a constraint of its own."""
+        """Return 0, as positions do not determine orientations. The distance is a constraint of its own."""
         return np.zeros(len(position))
 
     def bound(self, course: Course) -> float:
-        """Return 0 where one body holds both hands and its roll, or in the plane a distance does; else infinity."""
+        """Return 0 if one body holds both with their roll, else infinity. In the plane it is 0."""
         return 0.0 if course.n_dims == 2 or course.rigid(self.first, self.second, roll=True) else np.inf
 
     def reason(self, error: float, names: Sequence[str]) -> str:
@@ -101,21 +100,21 @@ class RelativePoseConstraint(PairConstraint):
         return f"the motion's coordinates do not hold the relative pose of {self.pair(names)}"
 
     def needs_body(self, ends: Array) -> bool:
-        """Return whether only a rigid body holds the pose, which in the plane is a distance."""
+        """Return True in space; in the plane the pose is a distance."""
         return ends.shape[-1] == 3
 
 
 class RelativePoseKeys(PairKeys):
-    """A constraint that moves two hands as one rigid body, as they start.
+    """A constraint that moves two end effectors as one rigid body.
 
-    Ends may miss the hands' distance by `tolerance` [m].
+    They keep their relative pose at the start. Ends may miss their distance by `tolerance` [m].
     """
 
     type: Literal["relative_pose"]
     tolerance: Length | None = None
 
     def resolved(self, hands: Hands) -> RelativePoseConstraint:
-        """Return the constraint, with a thousandth of the hands' distance as its tolerance where none is given."""
+        """Return the constraint, its tolerance a thousandth by default."""
         first, second = hands.numbers(self.between)
         apart = float(np.linalg.norm(hands.start[first] - hands.start[second]))
         return RelativePoseConstraint(first, second, distance_tolerance(self.tolerance, apart))
@@ -123,7 +122,7 @@ class RelativePoseKeys(PairKeys):
 
 @dataclass(frozen=True)
 class SeparationConstraint(PairConstraint):
-    """A constraint that keeps ``|y_first - y_second| >= distance - tolerance`` at every instant, [m]."""
+    """A constraint on a distance [m]: ``|y_first - y_second| >= distance - tolerance``."""
 
     distance: float
     tolerance: float
@@ -133,7 +132,7 @@ class SeparationConstraint(PairConstraint):
 
     @property
     def least(self) -> float:
-        """Return the distance that must be kept, the tolerance subtracted [m]."""
+        """Return the required distance less the tolerance [m]."""
         return self.distance - self.tolerance
 
     @property
@@ -142,7 +141,7 @@ class SeparationConstraint(PairConstraint):
         return ROUNDING
 
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return by how much the hands are too near, negative where they have room to spare [m]."""
+        """Return the missing distance, negative where there is a margin [m]."""
         return self.least - self.apart(position)
 
     def bound(self, course: Course) -> float:
@@ -154,14 +153,14 @@ class SeparationConstraint(PairConstraint):
         return -error
 
     def reason(self, error: float, names: Sequence[str]) -> str:
-        """Return in words how near the hands come."""
+        """Return in words how near the end effectors come."""
         near = self.least - error
         return (
             f"{self.pair(names)} come as near as {max(near, 0.0):.4g} m (at least {self.least:g} m asked for)"
         )
 
     def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
-        """Return in words that hands are too near at the start or the goal, and what to write instead."""
+        """Return a message about the distance at an end, and advice."""
         apart = f"{self.pair(names)} are {self.least - error:.4g} m apart at the {end}"
         return (
             f"{apart}, but they must stay at least {self.least:g} m apart",
@@ -170,7 +169,7 @@ class SeparationConstraint(PairConstraint):
 
 
 class SeparationKeys(PairKeys):
-    """A constraint that keeps two hands at least `distance` apart, less `tolerance` [m]."""
+    """A constraint that keeps two end effectors apart: `distance` less `tolerance`, or more [m]."""
 
     type: Literal["separation"]
     distance: PositiveLength
@@ -193,7 +192,7 @@ class SeparationKeys(PairKeys):
 
 @dataclass(frozen=True)
 class SameHeightConstraint(PairConstraint):
-    """A constraint that keeps ``|h_first - h_second| <= tolerance`` at every instant, h the last coordinate, [m]."""
+    """A constraint on heights, the last coordinates [m]: ``|h_first - h_second| <= tolerance``."""
 
     tolerance: float
     kind = "same_height"
@@ -205,7 +204,7 @@ class SameHeightConstraint(PairConstraint):
         return np.abs(position[:, self.first, n_dims - 1] - position[:, self.second, n_dims - 1])
 
     def bound(self, course: Course) -> float:
-        """Return an upper bound of the difference of the heights at every instant [m]."""
+        """Return an upper bound of the height difference [m]."""
         relative, stray = course.relative(self.first, self.second, slice(course.n_dims - 1, course.n_dims))
         gap = np.abs(relative[:, 0])
         return float((np.maximum(gap[1:], gap[:-1]) + stray).max())
@@ -220,7 +219,7 @@ class SameHeightConstraint(PairConstraint):
         return f"{differ} (tolerance {self.tolerance:g} m)"
 
     def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
-        """Return in words how much the heights differ at the start or the goal, and what to write instead."""
+        """Return a message about the heights at an end, and advice."""
         differ = f"at the {end} the heights of {self.pair(names)} differ by {error:.3g} m"
         return f"{differ} (tolerance {self.tolerance:g} m)", "move one of them, or widen the tolerance"
 
@@ -230,7 +229,7 @@ class SameHeightConstraint(PairConstraint):
 
 
 class SameHeightKeys(PairKeys):
-    """A constraint that keeps two hands at the same height (last coordinate), within `tolerance` [m]."""
+    """A constraint that keeps two end effectors level: equal last coordinates, within `tolerance` [m]."""
 
     type: Literal["same_height"]
     tolerance: Length = 1e-3
@@ -250,9 +249,7 @@ FREE = radians(1.0)
 
 @dataclass(frozen=True)
 class UprightConstraint(Constraint):
-    """A constraint that keeps the inclination of lines between the load's holders, `members`, within `tolerance`
-    [rad].
-    """
+    """A constraint on the tilt of lines between `members`: at most `tolerance` [rad]."""
 
     members: tuple[int, ...]
     tolerance: float
@@ -267,7 +264,7 @@ class UprightConstraint(Constraint):
         return self.members
 
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return the largest change, since the first sample, of the inclination of a line between holders [rad]."""
+        """Return the largest tilt of lines between holders since the start [rad]."""
         tilt = np.zeros(len(position))
         for i, j in combinations(self.members, 2):
             line = position[:, i] - position[:, j]
@@ -285,26 +282,26 @@ class UprightConstraint(Constraint):
         return error
 
     def reason(self, error: float, names: Sequence[str]) -> str:
-        """Return in words how far the load tilts."""
+        """Return in words how far the payload tilts."""
         if not np.isfinite(error):
             return "the motion's coordinates let the load tilt, and it must stay upright"
         return f"the load tilts by up to {degrees(error):.3g} deg (tolerance {degrees(self.tolerance):g} deg)"
 
     def level(self, ends: Array) -> tuple[tuple[int, int], ...]:
-        """Return pairs of all holders where, in space, they are at one height at start and goal, and so always."""
+        """Return pairs of all holders if, in space, both ends are level."""
         heights = ends[:, list(self.members), -1]
         if ends.shape[-1] == 2 or not (np.ptp(heights, axis=1) <= LEVEL).all():
             return ()
         return tuple((self.members[0], other) for other in self.members[1:])
 
     def needs_body(self, ends: Array) -> bool:
-        """Return whether only a rigid body holds the tilt, as the holders do not share a height."""
+        """Return whether holders at different heights require a rigid body."""
         return len(self.level(ends)) < len(self.members) - 1
 
 
 @dataclass(frozen=True, eq=False)
 class PoseConstraint(Constraint):
-    """A constraint on the pose of a payload, which its holders, `members`, do not tell by where they are.
+    """A constraint on a payload's pose beyond its holders' positions.
 
     Attributes
     ----------
@@ -323,21 +320,21 @@ class PoseConstraint(Constraint):
         return self.members
 
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return 0: positions do not tell how a payload is turned."""
+        """Return 0, as positions do not determine the orientation."""
         return np.zeros(len(position))
 
     def needs_body(self, ends: Array) -> bool:
-        """Return True: only a body's coordinates hold it."""
+        """Return True, as only a body's coordinates hold it."""
         return True
 
 
 @dataclass(frozen=True, eq=False)
 class DirectionConstraint(PoseConstraint):
-    """A constraint that keeps a payload's direction within `tolerance` of one of the world [rad].
+    """A constraint on a payload's direction: within `tolerance` of one of the world [rad].
 
     Attributes
     ----------
-    own, world : arrays, shape (3,), unit vectors in the world: where the payload's direction is at the start, and the
+    own, world : arrays, shape (3,), unit vectors in the world: the payload's direction at the start, and the
         direction near which it stays
     by_mask : whether coordinates hold it; else the direction is free within the tolerance
     """
@@ -357,7 +354,7 @@ class DirectionConstraint(PoseConstraint):
         return course.leans(self.members[0], self.own, self.world)
 
     def measure(self, error: float) -> float:
-        """Return the tilt [rad], or by how much it exceeds the tolerance where coordinates hold it."""
+        """Return the tilt [rad], less the tolerance if coordinates hold it."""
         return error - self.tolerance if self.by_mask else error
 
     def reason(self, error: float, names: Sequence[str]) -> str:
@@ -369,12 +366,12 @@ class DirectionConstraint(PoseConstraint):
 
 @dataclass(frozen=True, eq=False)
 class RotationConstraint(PoseConstraint):
-    """A constraint that keeps the orientation of a payload, or all of it but the rotation about an axis."""
+    """A constraint that keeps a payload's orientation. The rotation about an axis may be free."""
 
     kind = "no_rotation"
 
     def bound(self, course: Course) -> float:
-        """Return an upper bound of the angle of the rotation from the start [rad].
+        """Return an upper bound of the rotation angle from the start [rad].
 
         A rotation by an angle a about a unit vector n turns the axis i by an angle b with ``sin(b/2) = sin(a/2)
         sqrt(1 - n_i^2)``. Over all three axes, or both axes of the plane, the squares sum to ``2 sin(a/2)^2``.
@@ -398,7 +395,7 @@ class PlaneConstraint(PoseConstraint):
 
     Attributes
     ----------
-    normal : array, shape (3,), unit normal of the plane, which holds the payload at the start
+    normal : array, shape (3,), unit normal of the plane, which contains the payload at the start
     turn : the constraint that the payload turns about the normal only
     """
 
@@ -407,11 +404,11 @@ class PlaneConstraint(PoseConstraint):
     kind = "planar"
 
     def error(self, position: Array, n_dims: int) -> Array:
-        """Return how far the first holder left the plane in which it was at the first sample [m]."""
+        """Return the first holder's distance from its initial plane [m]."""
         return np.abs((position[:, self.members[0]] - position[0, self.members[0]]) @ self.normal)
 
     def bound(self, course: Course) -> float:
-        """Return an upper bound of the distance from the plane at every instant [m]."""
+        """Return an upper bound of the distance from the plane [m]."""
         error = self.error(course.position, course.n_dims)
         return float((np.maximum(error[1:], error[:-1]) + course.stray(self.members[:1])).max())
 
@@ -426,11 +423,12 @@ Degrees = Annotated[float, Field(ge=0, le=MAX_TOLERANCE), AfterValidator(no_minu
 
 
 class UprightKeys(ConstraintKeys, Sparse):
-    """A constraint that lets the load turn about the vertical, and lean from it by `tolerance_deg` at most.
+    """A constraint that keeps the payload upright.
 
-    `up`, in the payload's frame, is the direction that stays near the vertical; unless given, the one that is
-    vertical at the start. Without `up`, the tilt of the start is kept on the way, and the goal may miss it by the
-    tolerance, where the tolerance is one degree or less, the scene is planar, or the load has no poses.
+    The payload may turn about the vertical, and lean from it by `tolerance_deg` at most. `up`, in the payload's
+    frame, is the direction that stays near the vertical; unless given, the one that is vertical at the start. Without
+    `up`, the tilt of the start is kept during the motion, and the goal may miss it by the tolerance, where the
+    tolerance is one degree or less, the scene is planar, or the payload has no poses.
     """
 
     LATER = ("up",)
@@ -440,7 +438,7 @@ class UprightKeys(ConstraintKeys, Sparse):
     up: Direction | None = None
 
     def resolved(self, hands: Hands) -> Constraint:
-        """Return the constraint on all holders of the load."""
+        """Return the constraint on all holders of the payload."""
         tolerance = radians(self.tolerance_deg)
         if self.up is None and (hands.payload is None or hands.n_dims == 2 or tolerance <= FREE):
             return UprightConstraint(hands.holders, tolerance)
@@ -449,21 +447,21 @@ class UprightKeys(ConstraintKeys, Sparse):
 
 
 class NoRotationKeys(ConstraintKeys):
-    """A constraint that keeps the orientation of the payload; the goal may miss it by `tolerance_deg`."""
+    """A constraint that keeps the payload's orientation. The goal may miss it by `tolerance_deg`."""
 
     type: Literal["no_rotation"]
     tolerance_deg: Degrees = 0.1
 
     def resolved(self, hands: Hands) -> RotationConstraint:
-        """Return the constraint on all holders of the load."""
+        """Return the constraint on all holders of the payload."""
         _require_pose(hands, self.type, n_dims=2)
         return RotationConstraint(hands.holders, radians(self.tolerance_deg))
 
 
 class AxisKeys(ConstraintKeys):
-    """A constraint that lets the payload turn about one axis only, which is given in the world, or in its own frame.
+    """A constraint that lets the payload turn about one axis.
 
-    The goal may miss it by `tolerance_deg`.
+    The axis is given in the world or in the payload's frame. The goal may miss it by `tolerance_deg`.
     """
 
     type: Literal["axis"]
@@ -472,16 +470,17 @@ class AxisKeys(ConstraintKeys):
     tolerance_deg: Degrees = 0.1
 
     def resolved(self, hands: Hands) -> DirectionConstraint:
-        """Return the constraint on all holders of the load."""
+        """Return the constraint on all holders of the payload."""
         turned = _require_pose(hands, self.type)
         axis = _unit(self.axis) if self.frame == "world" else turned @ _unit(self.axis)
         return DirectionConstraint(hands.holders, radians(self.tolerance_deg), axis, axis)
 
 
 class PlanarKeys(ConstraintKeys):
-    """A constraint that moves the payload in a plane, as a planar joint does: it turns about the `normal` only.
+    """A constraint that moves the payload as a planar joint does.
 
-    The goal may leave the start's plane by `tolerance` [m], and lean by `tolerance_deg`.
+    It moves in a plane and turns about the `normal` only. The goal may leave the start's plane by `tolerance` [m],
+    and lean by `tolerance_deg`.
     """
 
     type: Literal["planar"]
@@ -490,7 +489,7 @@ class PlanarKeys(ConstraintKeys):
     tolerance_deg: Degrees = 0.1
 
     def resolved(self, hands: Hands) -> PlaneConstraint:
-        """Return the constraint on all holders of the load."""
+        """Return the constraint on all holders of the payload."""
         _require_pose(hands, self.type)
         normal = _unit(self.normal)
         turn = DirectionConstraint(hands.holders, radians(self.tolerance_deg), normal, normal)
@@ -502,7 +501,7 @@ def _unit(vector: Sequence[float]) -> Array:
 
 
 def _require_pose(hands: Hands, what: str, n_dims: int = 3) -> Array:
-    """Return the orientation of the payload at the start, or raise `Wrong` where it has none or is in the plane."""
+    """Return the payload's start orientation, or raise `Wrong`. It is required to have a pose, in space."""
     if hands.n_dims < n_dims:
         way_out = "leave it out; {type: no_rotation} keeps the orientation of a payload in the plane"
         raise Wrong(f"'{what}' is for payloads in space, and the scene is planar", way_out)

@@ -1,1 +1,1 @@
-"""Scene files: keys, versions, and obstacles that other files describe."""
+"""Scene files: keys, versions, and obstacles described by other files."""

@@ -1,7 +1,7 @@
-"""Obstacles that other files describe: MoveIt planning scenes, and URDF or MJCF models of the surroundings.
+"""Obstacles from other files: MoveIt planning scenes, URDF, and MJCF.
 
 A file becomes entries of the scene's list of obstacles, with names. Readers that need a robot's or a simulator's
-libraries are loaded by name, when a scene asks for one.
+libraries are loaded by name, when a scene needs one.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ READERS = {
 
 
 class ImportedObstacles(Part):
-    """The obstacles of another `file`, whose frame is at `center` [m]; spatial scenes only.
+    """The obstacles of another `file`, whose frame is at `center` [m].
 
-    `moveit` is a planning scene in MoveIt's text format (.scene), `urdf` and `mjcf` are models, whose collision
-    bodies stand as at joints of 0, or as the model begins.
+    For spatial scenes only. `moveit` is a planning scene in MoveIt's text format (.scene), `urdf` and `mjcf` are
+    models, whose collision bodies are placed with all joints at 0, or as the model starts.
     """
 
     shape: Literal["moveit", "urdf", "mjcf"]
@@ -39,9 +39,9 @@ class ImportedObstacles(Part):
     quaternion_wxyz: Quaternion = UNTURNED
 
     def obstacles(self, folder: Path, file: object, key: str) -> list[dict[str, Any]]:
-        """Return the obstacles as entries of a scene, whose file and key are given for messages.
+        """Return the obstacles as entries of a scene.
 
-        Readers give the path of a mesh's file, unless it is in their own.
+        `file` and `key` are for messages. Readers give the path of a mesh's file, unless it is in their own.
 
         Raises
         ------

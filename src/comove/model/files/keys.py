@@ -1,12 +1,11 @@
 """The scene file as frozen models.
 
 The models mirror the format of the scene file key by key. Rules of a single key are checked by its type, rules that
-compare several keys in `checks`; `messages` puts the errors into words. Rules that need geometry (does the start
-touch an obstacle, does it meet the constraints) are not checked here. Lengths are in metres, times in seconds, angles
-in degrees where the key says so, quaternions in the order w, x, y, z.
+compare several keys in `checks`; `messages` words the errors. Rules that need geometry (does the start touch an
+obstacle, does it meet the constraints) are not checked here. Lengths are in metres, times in seconds, angles in
+degrees where the key says so, quaternions in the order w, x, y, z.
 
-``circle`` and ``sphere`` are one shape and read as ``sphere``, ``ellipse`` and ``ellipsoid`` as
-``ellipsoid``.
+``circle`` and ``sphere`` are one shape and read as ``sphere``, ``ellipse`` and ``ellipsoid`` as ``ellipsoid``.
 """
 
 from __future__ import annotations
@@ -92,7 +91,7 @@ def _robot_name(name: str) -> str:
 
 
 class Workspace(Part):
-    """The box in which load and hands must stay [m].
+    """The box in which payload and end effectors must stay [m].
 
     Corners of two numbers make the scene planar, corners of three spatial.
     """
@@ -102,7 +101,7 @@ class Workspace(Part):
 
 
 class _Obstacle(Sparse):
-    """An obstacle, which moves if it has a `motion`; messages call it by its `name`.
+    """An obstacle, which moves if it has a `motion`. Messages call it by its `name`.
 
     Obstacles without these keys keep their checksum.
     """
@@ -123,7 +122,7 @@ class _Obstacle(Sparse):
 
 
 class _Turned(_Obstacle):
-    """An obstacle at `center` [m] that may be turned, by one of two keys (0 and `UNTURNED` where not given)."""
+    """An obstacle at `center` [m], rotated by one key of two; not rotated unless given."""
 
     center: Vector
     rotation_deg: Number = 0.0
@@ -148,7 +147,7 @@ class SphereObstacle(_Obstacle):
 
 
 class CapsuleObstacle(_Turned):
-    """A segment of `length` that is thickened by `radius` [m]; along local x in the plane, local z in space."""
+    """A segment of `length`, thickened by `radius` [m]; along local x in the plane, z in space."""
 
     shape: Literal["capsule"]
     radius: PositiveLength
@@ -166,14 +165,14 @@ class CylinderObstacle(_Obstacle):
 
 
 class EllipsoidObstacle(_Turned):
-    """An ellipse in the plane, an ellipsoid in space, that has the semi-axes `radii` [m]."""
+    """An ellipse, in space an ellipsoid, of semi-axes `radii` [m]."""
 
     shape: Annotated[Literal["ellipsoid", "ellipse"], AfterValidator(lambda _: "ellipsoid")]
     radii: Sizes
 
 
 class MeshObstacle(_Obstacle):
-    """A triangle mesh that is read from `file` in the scene's folder; spatial scenes only.
+    """A triangle mesh from `file` in the scene's folder. For spatial scenes only.
 
     The origin of its frame is at `center` [m]; its lengths times `scale` are metres. `part` is the number of a mesh
     in a planning scene of MoveIt.
@@ -214,7 +213,7 @@ Angles = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator
 
 
 class Turned(Sparse):
-    """An orientation in a parent frame, which is given by one key at most."""
+    """An orientation in a parent frame, given by at most one key."""
 
     LATER = ("angle_deg", "rpy_deg", "quaternion_wxyz")
     angle_deg: Number | None = None
@@ -232,17 +231,17 @@ class Turned(Sparse):
 
     @classmethod
     def orientation_keys(cls) -> tuple[str, ...]:
-        """Return the keys that say an orientation."""
+        """Return the keys of orientations."""
         return ("angle_deg", "rpy_deg", "quaternion_wxyz")
 
     @property
     def turned_by(self) -> str | None:
-        """Return the key that says the orientation, None where none does."""
+        """Return the key that gives the orientation, or None."""
         return next((key for key in self.orientation_keys() if getattr(self, key) is not None), None)
 
     @property
     def rotation(self) -> NDArray[np.float64]:
-        """Return the orientation, that of the parent unless given; array, shape (3, 3)."""
+        """Return the orientation, by default the parent's; array, shape (3, 3)."""
         if self.quaternion_wxyz is not None:
             return matrices(np.array(self.quaternion_wxyz))
         x, y, z = np.deg2rad(self.rpy_deg or (0.0, 0.0, self.angle_deg or 0.0))
@@ -252,13 +251,13 @@ class Turned(Sparse):
 
 
 class _Part(Turned):
-    """A shape of a payload of several, whose frame is at `position` in the payload's [m]."""
+    """A shape of a compound payload, at `position` in its frame [m]."""
 
     position: Vector | None = None
 
 
 class BarPart(_Part):
-    """A round bar with round ends, of full `length` along x between their centres [m]."""
+    """A round bar with round ends along x [m]. Its full `length` is that between the centres of the ends."""
 
     shape: Literal["bar"]
     length: PositiveLength
@@ -273,7 +272,7 @@ class BoxPart(_Part):
 
 
 class CylinderPart(_Part):
-    """A cylinder along z, which a prism around it represents [m]; spatial scenes only."""
+    """A cylinder along z [m], represented by a circumscribed prism. For spatial scenes only."""
 
     shape: Literal["cylinder"]
     radius: PositiveLength
@@ -281,10 +280,7 @@ class CylinderPart(_Part):
 
 
 class HullPart(_Part):
-    """The convex hull of `vertices` [m]; spatial scenes only.
-
-    It reaches up to `excess` beyond the shape that it stands for.
-    """
+    """The convex hull of `vertices` [m]; spatial scenes only. `excess` is its over-approximation error [m]."""
 
     shape: Literal["hull"]
     vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(4, "vertices")]
@@ -305,7 +301,7 @@ class PayloadPose(Part):
 
 
 class _Load(Sparse):
-    """A load of `mass` [kg], None where the file does not say; loads without these keys keep their checksum.
+    """A payload of `mass` [kg], None where the file has none. Payloads without these keys keep their checksum.
 
     `start` and `goal` are poses of its frame, which it may reach by turning in any way. Without them they are those
     that fit the end effectors best.
@@ -318,9 +314,9 @@ class _Load(Sparse):
 
 
 class BarLoad(_Load):
-    """A bar of `radius` [m] between two hands that are `length` apart [m].
+    """A bar of `radius` [m] between two end effectors.
 
-    It reaches `overhang` [m] beyond both hands.
+    The end effectors are `length` apart [m], and it reaches `overhang` [m] beyond both.
     """
 
     shape: Literal["bar"]
@@ -331,7 +327,7 @@ class BarLoad(_Load):
 
 
 class FrameLoad(_Load):
-    """A frame of rods of `radius` [m] between the hands that `edges` names in pairs."""
+    """A frame of rods of `radius` [m] between end effectors. `edges` names them in pairs."""
 
     shape: Literal["frame"]
     edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
@@ -340,14 +336,14 @@ class FrameLoad(_Load):
 
 
 class Gripped(_Load):
-    """A load that has its own frame, in which `grasps` says where each hand holds it [m]."""
+    """A payload with its own frame and `grasps` in it [m]."""
 
     grasps: dict[str, Vector] | None = None
     held_by: Hands | None = None
 
 
 class PolygonLoad(Gripped):
-    """A polygon that has `vertices` in the load's frame and is thickened by `radius` [m]; planar scenes only."""
+    """A polygon of `vertices`, thickened by `radius` [m]. It is in the payload's frame, for planar scenes only."""
 
     shape: Literal["polygon"]
     vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(3, "vertices")]
@@ -355,18 +351,17 @@ class PolygonLoad(Gripped):
 
 
 class BoxLoad(Gripped):
-    """A solid box, in the plane a rectangle, that has the edge lengths `size` [m] and is centred on the load's
-    frame.
-    """
+    """A solid box of edge lengths `size` [m], centred on its frame. In the plane it is a rectangle."""
 
     shape: Literal["box"]
     size: Sizes
 
 
 class MeshLoad(Gripped):
-    """A triangle mesh in the load's frame that is read from `file` in the scene's folder; spatial scenes only.
+    """A triangle mesh from `file` in the payload's frame.
 
-    Its lengths times `scale` are metres; `resolution` as of a `MeshObstacle`.
+    The file is in the scene's folder; for spatial scenes only. Its lengths times `scale` are metres; `resolution` as
+    of a `MeshObstacle`.
     """
 
     shape: Literal["mesh"]
@@ -388,7 +383,7 @@ Load = Annotated[
 
 
 class Manipulator(Part):
-    """A hand that moves from `start` to `goal` [m]."""
+    """An end effector that moves from `start` to `goal` [m]."""
 
     name: Name
     start: Vector
@@ -400,12 +395,12 @@ DEFAULT_LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 
 
 class LimitsPart(Sparse):
-    """Limits of each manipulator's motion, and the clearance that the load must keep.
+    """Limits of each manipulator's motion, and the payload's clearance.
 
     `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3], `clearance` [m].
 
-    A limit that the file leaves out does not exist, and the clearance is then 5 mm on robots, else 0. Where the file
-    leaves the duration out, `solve` fills limits in.
+    A limit that the file leaves out does not exist; the clearance is then 5 mm with robots, else 0. Where the file
+    leaves the duration out, `solve` adds default limits.
     """
 
     LATER = ("jerk",)
@@ -424,11 +419,11 @@ _AnyConstraint = Annotated[
 
 
 class GraspPart(Sparse):
-    """The orientation of the hands that hold the load.
+    """The orientation of the end effectors that hold the payload.
 
-    Either hands keep their tilt, which is given in one of two ways, and turn with the load about the vertical:
-    `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
-    the load's heading is 0. Or they turn in any way with a payload that has poses: `frames` are the orientations of
+    Either they keep their tilt, which is given in one of two ways, and turn with the payload about the vertical:
+    `quaternion_wxyz` is the orientation of every grasp frame (z the approach, fingers open along y) while the
+    payload's heading is 0. Or they turn in any way with a payload that has poses: `frames` are the orientations of
     grasp frames in the payload's frame, by name; of end effectors that do not hold it, in the world's.
     """
 
@@ -463,14 +458,14 @@ class GraspPart(Sparse):
 
 
 class GraspChoice(GraspPart):
-    """A grasp, or several of which one is chosen; what is said beside `any_of` does not count then."""
+    """A grasp, or several of which one is chosen. Keys beside `any_of` do not count then."""
 
     LATER = ("frames", "any_of")
     any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
 
 
 class LeastJerkObjective(Part):
-    """An objective that asks for smooth motions near the demonstration (`comove.planning.objectives.LeastJerk`)."""
+    """The objective of smooth motions near the demonstration. See `comove.planning.objectives.LeastJerk`."""
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -478,13 +473,13 @@ class LeastJerkObjective(Part):
 
 
 class LeastTimeObjective(Part):
-    """An objective that asks for the shortest duration within the limits; a duration in the scene is ignored."""
+    """The objective of the shortest duration within the limits. A duration in the scene is ignored."""
 
     type: Literal["least_time"]
 
 
 class PaperObjective(Part):
-    """An objective that is equation (4) of the paper: c_goal, c_vel, c_obst, and the weight of the taught shape."""
+    """The objective of equation (4): c_goal, c_vel, c_obst, and the demonstration weight."""
 
     type: Literal["paper"]
     goal: NotNegative = 1.0
@@ -500,7 +495,7 @@ Objective = Annotated[
 
 
 def _names(value: Any) -> Any:
-    """Return names of columns as texts; numbers of columns are written without quotation marks."""
+    """Return names of columns as texts, also those written as numbers."""
     several = as_tuple([value] if isinstance(value, str | int) and not isinstance(value, bool) else value)
     if not isinstance(several, tuple):
         return several
@@ -508,7 +503,7 @@ def _names(value: Any) -> Any:
 
 
 class ReadingKeys(Sparse):
-    """The keys that say which recording of a file is read and how, as the options of `comove learn`."""
+    """The keys for reading a recording, as options of `comove learn`."""
 
     episode: str | int | None = None
     """Name or number of a recording, where `file` holds several."""
@@ -538,10 +533,10 @@ READING = tuple(ReadingKeys.model_fields)
 
 
 class DemonstrationSource(ReadingKeys):
-    """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
+    """The demonstration: a `file`, a LASA shape, or a library's primitive.
 
-    A file is a recording, or the primitive that `comove learn` made of one. `library` is the primitive's name in the
-    folder `library` beside the scene file, or FOLDER/NAME.
+    A file is a recording, or the primitive that `comove learn` made of one; of a LASA shape, `demo` is the recording.
+    `library` is the primitive's name in the folder `library` beside the scene file, or FOLDER/NAME.
     """
 
     LATER = READING
@@ -556,7 +551,7 @@ class DemonstrationSource(ReadingKeys):
 
     @property
     def reading(self) -> dict[str, Any]:
-        """Return the options by which the recording is read, those that are given."""
+        """Return the given options for reading the recording."""
         given = {key: getattr(self, key) for key in READING}
         return {key: value for key, value in given.items() if value is not None and value is not False}
 
@@ -614,7 +609,7 @@ class SceneKeys(Sparse):
 
 
 class GraspOption(Sparse):
-    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal.
+    """A choice of grasps [m], grasp frames, and goal.
 
     The goal may be `free` to turn about the vertical (`yaw`), or about an axis of the payload.
     """
@@ -627,7 +622,7 @@ class GraspOption(Sparse):
 
 
 class SceneFile(SceneKeys):
-    """A scene as everything else knows it, and as files of version 1 have it.
+    """A scene in version 1, the form that all other modules use.
 
     `load_scene_file` and `parse_scene` create and cross-check it, from files of either version.
     """
@@ -655,7 +650,7 @@ class SceneFile(SceneKeys):
 
     @property
     def on_robot(self) -> bool:
-        """Return whether the hands are those of a robot."""
+        """Return whether the end effectors are a robot's."""
         return self.robot is not None or self.grasp is not None
 
     @property
@@ -665,19 +660,19 @@ class SceneFile(SceneKeys):
 
     @property
     def holders(self) -> tuple[str, ...]:
-        """Return the names of the hands that hold the load: `held_by`, by default all; none without a load."""
+        """Return the end effectors of `held_by`, by default all; none without a payload."""
         if self.load is None:
             return ()
         return self.load.held_by or self.names
 
     @property
     def holder_numbers(self) -> tuple[int, ...]:
-        """Return the numbers of the hands that hold the load, in the order of `holders`."""
+        """Return the holders' numbers, in the order of `holders`."""
         return tuple(self.names.index(name) for name in self.holders)
 
 
 def by_name(union: Any, key: str) -> dict[str, type[BaseModel]]:
-    """Return the models of a union, by the names that their key may have."""
+    """Return the models of a union by the values of their key."""
     models = get_args(get_args(union)[0])
     return {name: model for model in models for name in get_args(model.model_fields[key].annotation)}
 
@@ -695,9 +690,9 @@ CONTRACT = Contract(
 
 
 def canonical(scene: SceneFile) -> bytes:
-    """Return the scene as canonical JSON: sorted keys, defaults filled in, floats as `repr`.
+    """Return the scene as canonical JSON.
 
-    Comments, formatting, key order and equal spellings of a number (``1e-1``, ``0.1``) do not change
-    it; :func:`parse_scene` reads it back to an equal scene.
+    Keys are sorted, defaults filled in, floats as `repr`. Comments, formatting, key order and equal spellings of a
+    number (``1e-1``, ``0.1``) do not change it; :func:`parse_scene` reads it back to an equal scene.
     """
     return json.dumps(scene.model_dump(), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()

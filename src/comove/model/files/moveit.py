@@ -1,8 +1,9 @@
-"""Planning scenes in MoveIt's text format (.scene), as RViz and `PlanningScene::saveGeometryToStream` write them.
+"""Planning scenes in MoveIt's text format (.scene).
 
-After the scene's name each object begins with ``* NAME``, and a point ends the file. Since MoveIt 1.1 an object has a
-pose of its own, to which those of its shapes are relative, and subframes after its shapes; a blank in the line after
-the first name tells the formats apart, as in MoveIt. Quaternions are x, y, z, w.
+RViz and `PlanningScene::saveGeometryToStream` write them. After the scene's name each object begins with ``* NAME``,
+and a point ends the file. Since MoveIt 1.1 an object has a pose of its own, to which those of its shapes are
+relative, and subframes after its shapes; a blank in the line after the first name distinguishes the formats, as in
+MoveIt. Quaternions are x, y, z, w.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ class _Words:
 
 
 def obstacles_in(path: Path) -> list[dict[str, Any]]:
-    """Return the objects of a planning scene as obstacles; meshes are told by their number in the file, `part`.
+    """Return the objects of a planning scene as obstacles. Meshes are given by their number in the file, `part`.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def obstacles_in(path: Path) -> list[dict[str, Any]]:
 
 
 def mesh_in(path: Path, part: int) -> bytes:
-    """Return mesh number `part` of a planning scene as a file in the format OFF.
+    """Return a planning scene's mesh `part` in the format OFF.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def _objects(path: Path) -> Iterator[tuple[dict[str, Any], Triangles | None]]:
 
 
 def _shape(words: _Words) -> tuple[dict[str, Any], Triangles | None]:
-    """Return the next shape as an obstacle, without its place; of a mesh also vertices and triangles."""
+    """Return the next shape as an obstacle, without its pose. Of a mesh also vertices and triangles are returned."""
     kind = words.word()
     if kind == "box":
         return {"shape": "box", "size": words.numbers(3).tolist()}, None

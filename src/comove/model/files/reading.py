@@ -1,4 +1,4 @@
-"""Reading of scene files: YAML, the models, the checks across keys, and one message for all errors."""
+"""Reading of scene files: YAML, models, cross-checks and messages."""
 
 from __future__ import annotations
 
@@ -54,9 +54,8 @@ def cross_checked(
 ) -> list[Flaw]:
     """Return the contradictions in a scene file.
 
-    The demonstration of a stored scene is not looked for: its motion is there already.
-
-    The later checks need vectors of equal length and known names, so they run only where the first find nothing.
+    The demonstration of a stored scene is not checked, as its motion exists already. The later checks need vectors of
+    equal length and known names, so they run only where the first find nothing.
     """
     flaws = [*_dimension_flaws(scene), *_name_flaws(scene, words)]
     if flaws:
@@ -75,7 +74,7 @@ def cross_checked(
 
 
 def _dimension_flaws(scene: Any, body: str = "load") -> Iterator[Flaw]:
-    """Yield vectors and shapes that the scene's dimension does not have; `body` is the payload's key."""
+    """Yield vectors and shapes of another dimension. `body` is the payload's key."""
     planar_or_spatial = _AXES.get(scene.dimension)
     if planar_or_spatial is None:
         message = f"{show(scene.workspace.lower)} has {counted(scene.workspace.lower, 'number')}"
@@ -245,7 +244,7 @@ def _frames_flaws(scene: SceneFile, path: KeyPath, part: GraspPart) -> Iterator[
 
 
 def _constraint_flaws(scene: SceneFile, words: Words) -> Iterator[Flaw]:
-    """Yield repeated constraints, distances that contradict the load, and a constraint "upright" without a load."""
+    """Yield repeated and contradictory constraints. An upright constraint requires a payload."""
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, constraint in enumerate(scene.constraints):
         hands = [name for _, name in marked(constraint, HAND)]
@@ -266,7 +265,7 @@ def _constraint_flaws(scene: SceneFile, words: Words) -> Iterator[Flaw]:
 def _distance_flaws(
     scene: SceneFile, constraint: DistanceKeys, path: KeyPath, words: Words
 ) -> Iterator[Flaw]:
-    """Compare an explicit distance with the distance at which the load keeps the same two hands."""
+    """Compare a stated distance with that of the payload's grasps."""
     load = _load_distance(scene, constraint.between)
     tolerance = distance_tolerance(constraint.tolerance, constraint.distance)
     if load is not None and abs(load - constraint.distance) > tolerance + ROUNDING:
@@ -276,7 +275,7 @@ def _distance_flaws(
 
 
 def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
-    """Return the distance [m] at which the load keeps two hands; None where only their start positions tell it."""
+    """Return the distance [m] of two grasps, or None. It is None where it follows only from the start."""
     grasps = getattr(scene.load, "grasps", None) or {}
     if isinstance(scene.load, BarLoad) and set(pair) == set(scene.holders):
         return scene.load.length
@@ -299,7 +298,6 @@ def _file_flaws(scene: Any, folder: Path | None, is_stored: bool) -> Iterator[Fl
 
 
 def _objective_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    """Yield an objective that asks for resemblance to a demonstration where there is none."""
     if getattr(scene.objective, "resemblance", None) and scene.demonstration is None:
         yield Flaw(
             ("objective", "resemblance"),
@@ -309,9 +307,10 @@ def _objective_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _file_flaw(name: str, folder: Path | None, several: bool) -> tuple[str, str] | None:
-    """Say why a file cannot be read: it is outside the scene's folder (links followed), or it does not exist.
+    """Return why a file cannot be read, with advice, or None.
 
-    `several` tells whether it may be a folder of recordings, other than the scene's own.
+    It is outside the scene's folder (links followed), or does not exist. `several` allows a folder of recordings,
+    other than the scene's own.
     """
     outside = f"{show(name)} lies outside the scene's folder", "move the file into it"
     if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
@@ -340,7 +339,7 @@ def _file_flaw(name: str, folder: Path | None, several: bool) -> tuple[str, str]
 
 
 def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
-    """Warn of lengths that look like millimetres, and of obstacles that are faster than the hands may move."""
+    """Warn of lengths in millimetres and of fast obstacles."""
     place = f"{file}: " if file is not None else ""
     extent = max(high - low for low, high in zip(scene.workspace.lower, scene.workspace.upper, strict=True))
     if extent > LARGE:
@@ -358,7 +357,7 @@ def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
 
 
 def warn_of_no_mass(scene: SceneFile, file: str | Path | None, words: Words) -> None:
-    """Warn of a payload that a robot carries, and whose mass is not given."""
+    """Warn of a robot's payload without a mass."""
     if scene.load is not None and scene.load.mass is None:
         place = f"{file}: " if file is not None else ""
         message = (
@@ -370,7 +369,7 @@ def warn_of_no_mass(scene: SceneFile, file: str | Path | None, words: Words) -> 
 
 
 def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
-    """Read and check the scene file at `path`, with the values in `changes` in place of the file's.
+    """Read and check a scene file, with `changes` to its values.
 
     Raises
     ------
@@ -381,7 +380,7 @@ def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
 
 
 def read_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> tuple[SceneFile, Words]:
-    """Read a scene file as `load_scene_file`; return also how its keys are called."""
+    """Read a scene file as `load_scene_file`, with its key names."""
     data, lines = read_yaml(path)
     data = _changed(data, changes or {})
     folder = scene_folder(Path(path))
@@ -409,9 +408,9 @@ def parse_scene(
     Parameters
     ----------
     data
-        The contents of a scene file; arrays are taken as lists.
+        The contents of a scene file; arrays count as lists.
     folder
-        The folder to which paths in the scene are relative; where None, files are not looked for.
+        The folder to which paths in the scene are relative; where None, files are not checked.
     file, lines
         The source of the data, for messages; `lines` as :func:`comove.io.yaml_reader.read_yaml` returns them.
     is_stored
@@ -433,7 +432,7 @@ def parsed(
     lines: Lines | None = None,
     is_stored: bool = False,
 ) -> tuple[SceneFile, Words]:
-    """Check a scene as `parse_scene`; return also how its keys are called in the file."""
+    """Check a scene as `parse_scene`, with its key names."""
     words, place = Words(), Path(folder) if folder is not None else None
     flaws = mixed_up(data) if isinstance(data, Mapping) else []
     if not flaws and isinstance(data, Mapping) and data.get("version") == 2:
@@ -457,7 +456,7 @@ def parsed(
 def _of_version_2(
     data: Mapping[str, Any], folder: Path | None, file: str | Path | None, lines: Lines, is_stored: bool
 ) -> tuple[dict[str, Any], Words, list[Flaw]]:
-    """Return the contents of a file of version 2 as `SceneFile` has them, how its keys are called, and its flaws."""
+    """Return a version 2 file's contents for `SceneFile`, key names, and flaws."""
     from comove.model.files.version2 import (  # only these files need it
         CONTRACT_2,
         SceneFile2,
@@ -481,7 +480,7 @@ def _of_version_2(
 
 
 def mixed_up(data: Mapping[str, Any]) -> list[Flaw]:
-    """Return the keys in a file that belong to the other version."""
+    """Return a file's keys that belong to the other version."""
     number = data.get("version", 1)
     own, other = (NEW, FORMER) if number == 2 else (FORMER, NEW)
     foreign = [key for key in other if key in data]

@@ -1,4 +1,4 @@
-"""Scenes of version 1 as files of version 2: poses of the payload and grasps in place of manipulators' ends."""
+"""Conversion of version 1 scenes to version 2. Poses of the payload and grasps replace the ends of manipulators."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KEPT = ("obstacles", "limits", "constraints", "demonstration", "objective")
 
 
 def upgraded(scene: Scene, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the contents of a file of version 2 that describes the same scene.
+    """Return version 2 contents that describe the same scene.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ def upgraded(scene: Scene, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def has_poses(file: SceneFile) -> bool:
-    """Return whether a scene's payload has poses and its grasps are in the payload's frame, as in version 2."""
+    """Return whether a scene has payload poses and grasps in its frame."""
     own = file.load is not None and file.load.start is not None and file.load.goal is not None
     return own and (file.grasp is None or file.grasp.frames is not None)
 
 
 def written(file: SceneFile) -> dict[str, Any]:
-    """Return the contents of a file of version 2 of a scene that `has_poses`, as it is read from one."""
+    """Return version 2 contents of a scene that `has_poses`."""
     data, load = file.model_dump(mode="json", exclude_defaults=True), file.load
     assert load is not None and load.start is not None and load.goal is not None, "see `has_poses`"
     new: dict[str, Any] = {"version": 2, "name": file.name}
@@ -115,7 +115,7 @@ def written(file: SceneFile) -> dict[str, Any]:
 
 
 def held_at(file: SceneFile) -> dict[str, list[float]]:
-    """Return where a payload with poses is held, in its frame, by the names of its holders."""
+    """Return a payload's grasp positions in its frame by name."""
     load = file.load
     assert load is not None and load.start is not None, "the payload has poses"
     if getattr(load, "grasps", None):
@@ -130,7 +130,7 @@ def held_at(file: SceneFile) -> dict[str, list[float]]:
 
 
 def _frame(quaternion: tuple[float, ...]) -> dict[str, Any]:
-    """Return the orientation of a grasp frame, by its directions where they are axes of its parent."""
+    """Return a grasp frame's orientation, by directions if along its parent's axes."""
     frame = matrices(np.array(quaternion))
     if np.abs(frame - frame.round()).max() < 10.0**-DIGITS:
         return {"approach": _rounded(frame[:, 2]), "closing": _rounded(frame[:, 1])}
@@ -138,7 +138,7 @@ def _frame(quaternion: tuple[float, ...]) -> dict[str, Any]:
 
 
 def as_text(contents: Mapping[str, Any]) -> str:
-    """Return the contents of a scene file as YAML, with one line for each part."""
+    """Return a scene file as YAML, one line per part."""
     lines = list[str]()
     for key, value in contents.items():
         if isinstance(value, dict) and any(isinstance(part, dict) for part in value.values()):
@@ -154,7 +154,7 @@ class _Plain(yaml.SafeDumper):
     """A writer that repeats equal lists in full."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Return True: nothing is written by an anchor."""
+        """Return True, so that nothing is written as an alias."""
         return True
 
 
@@ -173,7 +173,7 @@ def _payload(data: Mapping[str, Any], load: Any) -> dict[str, Any]:
 
 
 def _frame_of(scene: Scene, group: RigidGroup) -> GroupPose:
-    """Return the pose of the payload's frame in that of the group."""
+    """Return the pose of the payload's frame in the group's."""
     file = scene.file
     mesh = read_meshes(file, scene.folder, scene.path).get(LOAD)
     decomposition = None if mesh is None else mesh[0].decomposed(mesh[1].resolution, few=True)
@@ -211,13 +211,13 @@ def _grasps(
 def _of_free_hand(
     scene: Scene, name: str, group: RigidGroup, grasp: Grasp | None, start: GroupPose
 ) -> dict[str, Any]:
-    """Return the orientation of a robot's free hand, in the payload's frame if it goes along with it."""
+    """Return the orientation of a robot's free end effector. It is in the payload's frame if it moves with it."""
     goes_along = scene.manipulators.index(name) in group.members
     return _turned(scene, name, grasp, start.rotation if goes_along else np.eye(3))
 
 
 def _turned(scene: Scene, name: str, grasp: Grasp | None, parent: Array) -> dict[str, Any]:
-    """Return the orientation of a grasp frame at the start in a parent frame; nothing where there is none."""
+    """Return a grasp frame's start orientation in a parent frame, if any."""
     if grasp is None:
         return {}
     hands = scene.nodes_at("start")
@@ -226,7 +226,7 @@ def _turned(scene: Scene, name: str, grasp: Grasp | None, parent: Array) -> dict
 
 
 def _pose(pose: GroupPose, n_dims: int) -> dict[str, Any]:
-    """Return a pose as it is written, without an orientation that is the world's."""
+    """Return a pose as written, without the world's orientation."""
     written: dict[str, Any] = {"position": _rounded(pose.center[:n_dims])}
     turn = pose.rotation
     pitch = degrees(np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0)))

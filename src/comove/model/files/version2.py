@@ -1,8 +1,8 @@
-"""Scene files of version 2: a payload that has poses, and the grasps by which end effectors hold it.
+"""Scene files of version 2, with payload poses and grasps.
 
-The models mirror the file; `converted` writes what they say as the contents that `SceneFile` reads, so that
-everything behind it knows one form. A frame of the payload is given by its pose at start and goal; a grasp is the
-pose of an end effector's grasp frame (z the approach, fingers open along y) in the payload's frame.
+The models mirror the file; `converted` converts them to the contents that `SceneFile` reads, the single form used
+elsewhere. A frame of the payload is given by its pose at start and goal; a grasp is the pose of an end effector's
+grasp frame (z the approach, fingers open along y) in the payload's frame.
 """
 
 from __future__ import annotations
@@ -83,16 +83,16 @@ class WorldPose(Turned):
 
 
 class GoalPose(WorldPose):
-    """The pose at the goal, whose orientation about one axis may be left open.
+    """The pose at the goal, possibly free about one axis.
 
-    `free` is `yaw`, the vertical through the payload's frame, or an axis of the payload, about which it is symmetric.
+    `free` is `yaw`, the vertical through the payload's frame, or an axis of symmetry of the payload.
     """
 
     free: Literal["yaw", "x", "y", "z"] | None = None
 
 
 class _Payload(Part):
-    """A rigid body of `mass` [kg] that is moved from `start` to `goal`."""
+    """A rigid body of `mass` [kg], moved from `start` to `goal`."""
 
     mass: Positive | None = None
     start: WorldPose
@@ -107,7 +107,7 @@ class _Payload(Part):
 
 
 class BarPayload(_Payload):
-    """A round bar of full `length` along x, centred on the payload's frame [m]."""
+    """A round bar of full `length` along x [m]. It is centred on the payload's frame."""
 
     shape: Literal["bar"]
     length: PositiveLength
@@ -115,7 +115,7 @@ class BarPayload(_Payload):
 
 
 class FramePayload(_Payload):
-    """A frame of rods between the end effectors that `edges` names in pairs [m]."""
+    """A frame of rods between end effectors [m]. `edges` names them in pairs."""
 
     shape: Literal["frame"]
     edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
@@ -123,7 +123,7 @@ class FramePayload(_Payload):
 
 
 class PolygonPayload(_Payload):
-    """A polygon with `vertices` in the payload's frame, thickened by `radius` [m]; planar scenes only."""
+    """A polygon of `vertices` in its frame, thickened by `radius` [m]. For planar scenes only."""
 
     shape: Literal["polygon"]
     vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(3, "vertices")]
@@ -131,14 +131,14 @@ class PolygonPayload(_Payload):
 
 
 class BoxPayload(_Payload):
-    """A box of full edge lengths `size`, in the plane a rectangle, centred on the payload's frame [m]."""
+    """A box of full edge lengths `size` [m]. It is centred on the payload's frame, and in the plane a rectangle."""
 
     shape: Literal["box"]
     size: Sizes
 
 
 class CylinderPayload(_Payload):
-    """A cylinder along z, centred on the payload's frame [m]; spatial scenes only."""
+    """A cylinder along z, centred on the payload's frame [m]. For spatial scenes only."""
 
     shape: Literal["cylinder"]
     radius: PositiveLength
@@ -146,7 +146,7 @@ class CylinderPayload(_Payload):
 
 
 class MeshPayload(_Payload):
-    """A triangle mesh from `file` in the payload's frame; its lengths times `scale` are metres."""
+    """A triangle mesh from `file` in the payload's frame. Its lengths times `scale` are metres."""
 
     shape: Literal["mesh"]
     file: str
@@ -155,7 +155,7 @@ class MeshPayload(_Payload):
 
 
 class MeshPart(Turned):
-    """A triangle mesh from `file` in a payload's frame; its lengths times `scale` are metres."""
+    """A triangle mesh from `file` in a payload's frame. Its lengths times `scale` are metres."""
 
     shape: Literal["mesh"]
     position: Vector | None = None
@@ -168,7 +168,7 @@ AnyPart = Annotated[BarPart | BoxPart | CylinderPart | HullPart | MeshPart, Fiel
 
 
 class PartsPayload(_Payload):
-    """Several shapes that are one rigid body; spatial scenes only."""
+    """Several shapes that form one rigid body. For spatial scenes only."""
 
     shape: Literal["parts"] = "parts"
     parts: Annotated[tuple[AnyPart, ...], BeforeValidator(as_tuple), at_least(1, "part")]
@@ -181,7 +181,7 @@ Payload = Annotated[
 
 
 class Oriented(Turned):
-    """The orientation of a grasp frame, also by the directions of the `approach` and of `closing` fingers."""
+    """The orientation of a grasp frame. It may be given by `approach` and `closing` directions."""
 
     approach: Triple | None = None
     closing: Triple | None = None
@@ -209,7 +209,7 @@ class Oriented(Turned):
 
     @classmethod
     def orientation_keys(cls) -> tuple[str, ...]:
-        """Return the keys that say an orientation."""
+        """Return the keys of orientations."""
         return (*super().orientation_keys(), "approach")
 
     @property
@@ -224,13 +224,12 @@ class Oriented(Turned):
 
 
 class GraspKeys(Oriented):
-    """The pose of an end effector's grasp frame in the payload's frame [m]; without a robot the position will do."""
+    """The pose of a grasp frame in the payload's frame [m]. Without a robot the position suffices."""
 
     position: Vector
 
 
 def _kind(value: Any) -> str:
-    """Return which of a grasp, several, or the word `auto` a value is meant as."""
     return "auto" if isinstance(value, str) else "several" if isinstance(value, list | tuple) else "one"
 
 
@@ -252,7 +251,7 @@ Grasps = Annotated[
 
 
 def _by_arm(value: Any) -> Any:
-    """Refuse the word `auto` for all arms where no robot is named, whose arms they could be."""
+    """Raise if `auto` is given for all arms without a robot."""
     if isinstance(value, str):
         raise Wrong(
             f"{show(value)} does not say which arms hold the payload",
@@ -262,7 +261,7 @@ def _by_arm(value: Any) -> Any:
 
 
 class EndEffector(Oriented):
-    """An end effector that holds no payload, and moves from `start` to `goal` [m]; a robot's does not turn."""
+    """An end effector without payload, moved from `start` to `goal` [m]. A robot's does not turn."""
 
     start: Vector
     goal: Vector
@@ -281,7 +280,7 @@ AnyObstacle = Annotated[
 
 
 class SceneFile2(SceneKeys):
-    """A scene file of version 2, as it is written."""
+    """A scene file of version 2, as written."""
 
     version: Literal[2]
     obstacles: Annotated[tuple[AnyObstacle, ...], BeforeValidator(as_tuple)] = ()
@@ -291,7 +290,7 @@ class SceneFile2(SceneKeys):
 
     @property
     def sets(self) -> tuple[dict[str, Any], ...]:
-        """Return the sets of grasps of which one is chosen; none without a payload."""
+        """Return the alternative sets of grasps, none without a payload."""
         given = self.grasps
         return (given,) if isinstance(given, dict) else given if isinstance(given, tuple) else ()
 
@@ -302,7 +301,7 @@ class SceneFile2(SceneKeys):
 
 
 def with_arms(data: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any]:
-    """Return the contents of a file, in which `grasps: auto` names all arms of the scene's robot.
+    """Return a file's contents with `grasps: auto` expanded. It names all arms of the scene's robot.
 
     Raises
     ------
@@ -353,7 +352,7 @@ def flaws_of(scene: SceneFile2) -> Iterator[Flaw]:
 
 
 def _orientation_flaws(scene: SceneFile2) -> Iterator[Flaw]:
-    """Yield orientations that the scene's dimension does not have, and those that a robot needs."""
+    """Yield orientations of another dimension, and missing ones of robots."""
     unfit = ("rpy_deg", "quaternion_wxyz") if scene.dimension == 2 else ("angle_deg",)
     told, instead = "the scene is spatial", "use rpy_deg"
     if scene.dimension == 2:
@@ -395,7 +394,6 @@ def _orientation_flaws(scene: SceneFile2) -> Iterator[Flaw]:
 
 
 def _grasps(scene: SceneFile2) -> Iterator[tuple[KeyPath, GraspKeys]]:
-    """Yield the grasps that are written out, with their paths."""
     for i, given in enumerate(scene.sets):
         base: KeyPath = ("grasps",) if isinstance(scene.grasps, dict) else ("grasps", i)
         for name, some in given.items():
@@ -408,7 +406,7 @@ def _grasps(scene: SceneFile2) -> Iterator[tuple[KeyPath, GraspKeys]]:
 def converted(
     scene: SceneFile2, folder: Path | None, file: object, lines: Lines
 ) -> tuple[dict[str, Any], Words]:
-    """Return the contents that `SceneFile` reads, and how their keys are called in the file.
+    """Return the contents for `SceneFile`, and the file's key names.
 
     Raises
     ------
@@ -464,7 +462,7 @@ def _written(position: tuple[float, ...], rotation: Array) -> PayloadPose:
 
 
 def _goal(payload: _Payload) -> PayloadPose:
-    """Return the pose at the goal; of those that a free axis allows, the one that turns least."""
+    """Return the goal pose, with a free axis the nearest."""
     rotation, free = payload.goal.rotation, payload.free
     if free is not None:
         turn = matrices(exponential(nearest_turn(payload.start.rotation, rotation, free) * axis_of(free)))
@@ -473,9 +471,9 @@ def _goal(payload: _Payload) -> PayloadPose:
 
 
 def _ways_to_hold(scene: SceneFile2, folder: Path | None, key: str, file: object) -> list[dict[str, Any]]:
-    """Return the combinations of grasps that are left open, as `grasps` and, where they are turned, `frames`.
+    """Return the open combinations of grasps.
 
-    Those in which two hands are at one place are left out.
+    They are `grasps` and, where they are turned, `frames`. Those with two end effectors at one place are left out.
     """
     found, same = list[dict[str, Any]](), ("", "")
     for given in scene.sets:
@@ -518,7 +516,7 @@ def _proposed(
     Raises
     ------
     SceneError
-        If the payload has no two sides that are near enough to each other.
+        If no two sides of the payload are near enough to each other.
     """
     payload = scene.payload
     assert payload is not None, "files without a payload have no grasps"
@@ -542,7 +540,7 @@ def _proposed(
 
 
 def _pieces(payload: _Payload) -> Iterator[GraspableShape]:
-    """Yield the boxes and cylinders on which fingers may close."""
+    """Yield the boxes and cylinders that fingers can grasp."""
     if isinstance(payload, PartsPayload):
         for part in payload.parts:
             own = _piece(part)
@@ -569,7 +567,7 @@ def _piece(shape: Any) -> GraspableShape | None:
 
 
 def _hulls(payload: _Payload, folder: Path | None, file: object, lines: Lines) -> Iterator[Part]:
-    """Yield the parts of a payload, meshes among them as the convex hulls that contain them.
+    """Yield the parts of a payload, meshes as convex hulls.
 
     Raises
     ------
@@ -597,7 +595,7 @@ def _hulls(payload: _Payload, folder: Path | None, file: object, lines: Lines) -
 
 
 def _load(payload: _Payload, held: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the payload as the load of a `SceneFile`, held as by the first of the ways to hold it."""
+    """Return the payload as a `SceneFile`'s, with its first grasps."""
     grasps = held[0]["grasps"]
     load = {
         key: getattr(payload, key) for key in type(payload).model_fields if key not in (*ENDS, "symmetric")
@@ -619,7 +617,7 @@ def _load(payload: _Payload, held: Sequence[Mapping[str, Any]]) -> dict[str, Any
 
 
 def _bar_between_hands(payload: BarPayload, held: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Return the bar as one between two hands, None where they do not hold it at points that mirror each other."""
+    """Return a bar held symmetrically as one between two end effectors. It is None for other grasps."""
     places = {tuple(sorted((tuple(place), name) for name, place in one["grasps"].items())) for one in held}
     if len(places) > 1 or len(one := next(iter(places))) != 2:
         return None

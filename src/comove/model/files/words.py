@@ -1,4 +1,4 @@
-"""The names of keys in a scene's file, for messages: only files of version 2 have their own."""
+"""The names of keys in a scene's file, for messages. Only files of version 2 have their own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Words(NamedTuple):
     lines : lines of its keys, by their paths; None where the file has other keys
     hands : paths in the file of the end effectors
     obstacles : numbers in the file of the obstacles
-    grasps : names of arms, points of the payload [m], and paths in the file of the grasps that are written there
+    grasps : names of arms, points of the payload [m], and paths of the grasps in the file
     """
 
     version: int = 1
@@ -47,7 +47,7 @@ class Words(NamedTuple):
         return path
 
     def key(self, key: str) -> str:
-        """Return keys that a message names, separated by commas, as the file has them."""
+        """Return a message's keys, separated by commas, as in the file."""
         if self.version == 1:
             return key
         paths = [
@@ -61,29 +61,29 @@ class Words(NamedTuple):
         return ", ".join(dict.fromkeys(place(path, self.lines or {}) or "" for path in paths))
 
     def grasp(self, name: str, point: tuple[float, ...] | None) -> str:
-        """Return the key of the grasp of an arm at a point of the payload's frame [m]; None where it has but one."""
+        """Return the key of an arm's grasp at a point [m]; None for its only grasp."""
         if self.version == 1:
             return "load"
         written = (path for who, at, path in self.grasps if who == name and point in (at, None))
         return place(next(written, ("grasps", name)), self.lines or {}) or ""
 
     def moved(self, end: str) -> str:
-        """Return what is moved in the file to move the payload at an end, in words."""
+        """Return the name of the payload's position at an end."""
         return f"the {end} of every manipulator" if self.version == 1 else f"payload.{end}.position"
 
     @property
     def hand(self) -> str:
-        """Return the name of what moves to a start and a goal, in words."""
+        """Return the name of an end effector."""
         return "manipulator" if self.version == 1 else "end effector"
 
     @property
     def load(self) -> str:
-        """Return the name of the rigid body that is held, in words."""
+        """Return the name of the payload."""
         return "load" if self.version == 1 else "payload"
 
     @property
     def bodies(self) -> str:
-        """Return what moves, in words."""
+        """Return the names of the moving bodies."""
         return "the load or a hand" if self.version == 1 else "the payload or an end effector"
 
 

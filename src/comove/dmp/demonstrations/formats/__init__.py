@@ -1,4 +1,4 @@
-"""Formats of recordings, a module each, and their register, which is loaded on first use."""
+"""Formats of recordings, one module each, and their register."""
 
 from typing import TYPE_CHECKING
 

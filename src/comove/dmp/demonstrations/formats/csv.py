@@ -1,7 +1,7 @@
-"""comove's own text tables: how they are written, and how their columns are known again.
+"""comove's own text tables: writing, and recognition of their columns.
 
-One movement has the header `time,x`, `time,x,y` or `time,x,y,z`; several manipulators recorded together
-have `time,left.x,left.y,...,right.x,right.y,...`. The columns `qw,qx,qy,qz` (`left.qw`, ...) hold orientations,
+One movement has the header `time,x`, `time,x,y` or `time,x,y,z`; several manipulators recorded together have
+`time,left.x,left.y,...,right.x,right.y,...`. The columns `qw,qx,qy,qz` (`left.qw`, ...) hold orientations,
 quaternions of unit norm. Other coordinates are named with their unit: `elbow [rad]`, `left.elbow [rad]`. Time is in
 seconds, positions are in metres, numbers have a decimal point, the encoding is UTF-8. They are read as any other
 table (`formats.tables`).
@@ -27,7 +27,7 @@ _MARKS = ",;\t\r\n"
 
 
 def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
-    """Write movements to a CSV file, from which they are read again with the same numbers, bit by bit.
+    """Write movements to a CSV file, without loss of any bit.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, Re
 
 
 def own_bodies(names: Sequence[str]) -> dict[str, Body] | None:
-    """Return the bodies of a table whose columns are exactly those that `write` makes, None of other tables."""
+    """Return the bodies of a table made by `write`, else None."""
     if len(names) < 2 or names[0] != "time":
         return None
     parts: dict[str, list[tuple[str, str | None, int]]] = {}
@@ -82,7 +82,7 @@ def own_bodies(names: Sequence[str]) -> dict[str, Body] | None:
 
 
 def _own_body(name: str, found: Sequence[tuple[str, str | None, int]], names: Sequence[str]) -> Body | None:
-    """Return the columns of one body in order; None if they are not those that `write` makes."""
+    """Return the columns of one body in order, if `write` made them."""
     axes = [axis for axis, _, _ in found]
     turned = {axis: number for axis, unit, number in found if axis in QUATERNION and unit is None}
     moved = {axis: (unit, number) for axis, unit, number in found if axis not in turned}
@@ -107,7 +107,7 @@ def _own_body(name: str, found: Sequence[tuple[str, str | None, int]], names: Se
 
 
 def _check_writable(path: object, name: str, demo: RecordedSamples) -> None:
-    """Raise if the header cannot name the coordinates, the manipulator or the unit."""
+    """Raise if the header cannot name coordinates, manipulator or unit."""
     if demo.n_dims > len(AXES) and not demo.axes:
         raise fault(
             path,

@@ -1,4 +1,4 @@
-"""Recordings in HDF5, in the layouts that are common in learning from demonstrations, and by the path of a dataset.
+"""Recordings in HDF5: common layouts, or the path of a dataset.
 
 robosuite and robomimic, several episodes in one file: `data/demo_0/obs/robot0_eef_pos` (n_steps, 3) [m] and
 `robot0_eef_quat` (n_steps, 4), quaternions **x y z w**, which are reordered to w x y z here; `robot1_...` for a
@@ -9,15 +9,15 @@ rotation vectors [rad]. There are no time stamps: the rate is the `control_freq`
 ManiSkill, several episodes in one file: `traj_0/obs/extra/tcp_pose` (n_steps, 7), positions and quaternions w x y z;
 otherwise `traj_0/obs/agent/qpos`. The rate is 20 Hz.
 
-ALOHA, one episode per file: `observations/qpos` (n_steps, 14) [rad], for each arm six joints and the gripper
-(0 closed, 1 open), the left arm first; or 7 columns, one arm. Other even numbers from 12 on are two arms as well,
-others one arm, of joints without names. The rate is the attribute `fps`, or else 50 Hz.
+ALOHA, one episode per file: `observations/qpos` (n_steps, 14) [rad], for each arm six joints and the gripper (0
+closed, 1 open), the left arm first; or 7 columns, one arm. Other even numbers from 12 on are two arms as well, others
+one arm, of joints without names. The rate is the attribute `fps`, or else 50 Hz.
 
-Plain files: datasets beside each other whose names say what they hold, such as `time` and `position`, or `t`, `x`,
-`y`, `z`. Anything else is read by its path, with `dataset`.
+Plain files: datasets beside each other with descriptive names, such as `time` and `position`, or `t`, `x`, `y`, `z`.
+Anything else is read by its path, with `dataset`.
 
-Needs h5py. Shapes are compared with a limit before any data are read; links into other files and Python objects
-are refused (`formats.hdf5_access`).
+Needs h5py. Shapes are compared with a limit before any data are read; links into other files and Python objects are
+refused (`formats.hdf5_access`).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def read(
     rate: float | None = None,
     unit: str | None = None,
 ) -> dict[str, dict[str, RecordedSamples]]:
-    """Read the episodes of an HDF5 file; the layout is recognised.
+    """Read the episodes of an HDF5 file. The layout is recognised.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def read(
     episode : name (demo_3) or number (3) of the only episode to read; None: all
     dataset : path of the dataset, or of the group of datasets, that holds the movement; in the file, or in an episode
     columns : numbers, from 1, of the columns of the dataset that are the positions, or joints
-    rate : samples a second [Hz], instead of what the file says
+    rate : samples a second [Hz], instead of the file's
     unit : unit of the positions or joints that state none; an angle makes columns joints
 
     Returns
@@ -121,7 +121,7 @@ def read(
 
 
 def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the names of the episodes of a file, in the order of their numbers.
+    """Return the names of a file's episodes, in order of their numbers.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
 
 @contextmanager
 def robomimic_file(path: str | os.PathLike[str]) -> Iterator[Callable[[float], Group]]:
-    """Lend a function that makes the group of the episodes for a rate [Hz]; the file appears when all is written."""
+    """Lend a function that makes the episodes' group for a rate [Hz]. The file appears when it is complete."""
     with _written(path) as root:
 
         def begin(rate: float) -> Group:
@@ -247,7 +247,6 @@ def _written(path: str | os.PathLike[str]) -> Iterator[Group]:
 
 
 def _opened(path: Path) -> AbstractContextManager[HDF5File]:
-    """Lend the open file; convert h5py's exceptions to a `DemonstrationError`."""
     return HDF5File.opened(path, f"copy or record it again; {LAYOUTS}")
 
 
@@ -258,7 +257,7 @@ def write_demo(
 
     Parameters
     ----------
-    actions : array, shape (n_steps, n_values), what a controller is sent; the hands at the next sample unless given
+    actions : array, shape (n_steps, n_values), commands to a controller; the poses at the next sample unless given
     """
     from scipy.spatial.transform import Rotation
 
@@ -283,7 +282,7 @@ def put(group: Group, name: str, rows: NDArray[np.float64]) -> None:
 
 
 def put_pictures(group: Group, name: str, pictures: NDArray[np.uint8]) -> None:
-    """Write pictures, array of shape (n_steps, height, width, 3), each packed by itself and with a checksum."""
+    """Write pictures (n_steps, height, width, 3), each packed with a checksum."""
     chunk = (1, *pictures.shape[1:])
     group.create_dataset(
         name, data=pictures, chunks=chunk, compression="gzip", compression_opts=4, fletcher32=True
@@ -291,5 +290,4 @@ def put_pictures(group: Group, name: str, pictures: NDArray[np.uint8]) -> None:
 
 
 def _next(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each row's successor; the last row is repeated."""
     return np.concatenate((rows[1:], rows[-1:]))

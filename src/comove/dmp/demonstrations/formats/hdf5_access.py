@@ -1,6 +1,7 @@
-"""Datasets of numbers in HDF5 files, read only inside the file and only after a check of type, shape and size.
+"""Safe access to datasets of numbers in HDF5 files.
 
-Links into other files are refused before they are followed, and so are links that lead nowhere or in a circle.
+Type, shape and size are checked before reading. Links into other files are refused before they are followed, and so
+are links that lead nowhere or in a circle.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class HDF5File:
         return fault(self.path, key, message, way_out, **options)
 
     def other(self, key: str | None, message: str, below: str = "") -> DemonstrationError:
-        """Return the error that advises to name one of the datasets, those below a group first."""
+        """Return the error that advises to name another dataset. Those below a group come first."""
         found = self.datasets(below) or self.datasets()
         wide = [one for one in found if len(one.shape) != 2 or 2 <= one.shape[1] <= MAX_DIMS] or found
         if not wide:
@@ -83,7 +84,7 @@ class HDF5File:
         Raises
         ------
         DemonstrationError
-            If a link on the way leads into another file, nowhere, or in a circle.
+            If a link in the path leads into another file, nowhere, or in a circle.
         """
         h5py, node, passed = extra("h5py", self.path), self.root, ""
         for part in filter(None, key.split("/")):
@@ -111,11 +112,11 @@ class HDF5File:
         return isinstance(self.node(key), extra("h5py", self.path).Group)
 
     def members(self, key: str) -> list[str]:
-        """Return the names in a group; [] if there is no such group."""
+        """Return the names in a group, [] without such a group."""
         return list(self.node(key)) if self.is_group(key) else []
 
     def shape(self, key: str) -> tuple[int, ...] | None:
-        """Return the shape of a dataset of numbers; None if there is none, or only a link that leads out."""
+        """Return the shape of a dataset of numbers, else None. Links out of the file count as none."""
         try:
             node = self.node(key)
         except DemonstrationError:
@@ -136,14 +137,14 @@ class HDF5File:
         return node[()].tolist()
 
     def attribute(self, key: str, names: tuple[str, ...]) -> tuple[str, object] | None:
-        """Return the first attribute with one of the names, of a group or dataset, and its name."""
+        """Return the first attribute among names, with its name."""
         node = self.node(key)
         if node is None:
             return None
         return next(((name, node.attrs[name]) for name in names if name in node.attrs), None)
 
     def datasets(self, key: str = "") -> list[DatasetShape]:
-        """Return the datasets of numbers below a group that may hold a movement: a row an instant, no pictures."""
+        """Return the datasets below a group with a row an instant. Pictures are left out."""
         h5py = extra("h5py", self.path)
         found: list[DatasetShape] = []
         queue, n_nodes = [(key.strip("/"), 0)], 0
@@ -188,7 +189,7 @@ class HDF5File:
         Raises
         ------
         DemonstrationError
-            If it is missing, no dataset of numbers, of another shape, larger than what is read, incomplete, or its
+            If it is missing, no dataset of numbers, of another shape, too large, incomplete, or its
             numbers lie in another file.
         """
         h5py, dataset = extra("h5py", self.path), self.require(key)
@@ -218,7 +219,7 @@ class HDF5File:
         return np.asarray(dataset[()]) if exact else np.asarray(dataset[()], dtype=np.float64)
 
     def _require_filled(self, key: str, dataset: Dataset) -> None:
-        """Raise if a part of a dataset was never written, which HDF5 would read as zeros."""
+        """Raise if a part of a dataset was never written. HDF5 would read it as zeros."""
         if dataset.chunks is None:
             missing = dataset.id.get_storage_size() < dataset.nbytes
         else:
@@ -234,7 +235,7 @@ def _is_no_position(dataset: DatasetShape) -> bool:
 
 
 def _unlikely(dataset: DatasetShape) -> tuple[bool, ...]:
-    """Return in which respects a dataset does not look like the movement of a hand, the first being the gravest."""
+    """Return signs that a dataset is no end effector's movement, gravest first."""
     width = dataset.shape[1] if len(dataset.shape) == 2 else 1
     stem = dataset.key.rpartition("/")[2]
     (column, *_) = read_columns([f"{stem}_{i}" for i in range(3)])

@@ -1,4 +1,4 @@
-"""Movements in the layouts of HDF5 files: where each keeps its hands, joints, orientations, and time."""
+"""Movements in the layouts of HDF5 files."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _MATRIX_TOLERANCE = 1e-3
 
 
 def episode_groups(file: HDF5File) -> dict[str, str]:
-    """Return the group of each episode by its name, in the order of their numbers; "" is that of the whole file."""
+    """Return each episode's group by name, in order of their numbers. "" is the group of the whole file."""
     if "observations" not in file.members(""):
         for above in ("data", ""):
             numbers = {
@@ -79,7 +79,7 @@ def _joined(*parts: str) -> str:
 
 @dataclass(frozen=True)
 class EpisodeReader:
-    """Reads one episode.
+    """A reader of one episode.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class EpisodeReader:
         raise self.file.other(None, f"it holds {held}, and {what}", self.group)
 
     def chosen(self, dataset: str, columns: Sequence[str] | None) -> dict[str, RecordedSamples]:
-        """Return the movement of a dataset, or those of a group of datasets.
+        """Return the movement of a dataset, or those of a group.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class EpisodeReader:
         Raises
         ------
         DemonstrationError
-            If there is no such dataset, or nothing says what it holds.
+            If there is no such dataset, or its meaning is unknown.
         """
         key = dataset.strip("/")
         if self.group and self.file.node(_joined(self.group, key)) is not None:
@@ -164,7 +164,7 @@ class EpisodeReader:
         return [place for one in below if self.file.is_group(place := _joined(self.group, one))]
 
     def _names(self, key: str) -> list[str] | None:
-        """Return the names of a dataset's columns: those of an attribute, or beside it, as pandas keeps them."""
+        """Return a dataset's column names, from an attribute or another dataset. Pandas keeps them in the latter."""
         width = (self.file.shape(key) or (0, 0))[-1]
         found = self.file.attribute(key, ("columns", "column_names", "names", "labels"))
         items = self.file.texts(f"{key.removesuffix('_values')}_items") if key.endswith("_values") else None
@@ -173,7 +173,7 @@ class EpisodeReader:
         return names if len(names) == width else None
 
     def _hands(self) -> dict[str, RecordedSamples]:
-        """Return the movements of hands that simulators observe."""
+        """Return the movements of end effectors that simulators observe."""
         for place in self._places("obs", "obs/extra", "observations", ""):
             found = {}
             for name in sorted(self.file.members(place)):
@@ -187,7 +187,7 @@ class EpisodeReader:
         return {}
 
     def _hand(self, place: str, name: str, match: re.Match[str]) -> RecordedSamples:
-        """Return the movement of one hand."""
+        """Return the movement of one end effector."""
         key, hand = _joined(place, name), match["hand"] or ""
         if match["whole"] or match["what"] == "pose":
             values = self.file.array(key, (None, 7))
@@ -211,7 +211,7 @@ class EpisodeReader:
         return self._samples(key, position, hand)
 
     def _joints(self) -> dict[str, RecordedSamples]:
-        """Return the movements of joints, in ALOHA's layout or as simulators observe them."""
+        """Return the movements of joints, in ALOHA's or simulators' layout."""
         for place in self._places("observations", "obs", "obs/agent"):
             found = {
                 match["robot"] or "": _joined(place, name)
@@ -256,7 +256,7 @@ class EpisodeReader:
         }
 
     def _plain(self, place: str) -> dict[str, RecordedSamples]:
-        """Return the movements of datasets beside each other, whose names say what they hold."""
+        """Return the movements of datasets with descriptive names."""
         names, keys, lengths = list[str](), list[str](), dict[str, int]()
         for name in self.file.members(place):
             shape = self.file.shape(_joined(place, name)) or ()
@@ -284,7 +284,7 @@ class EpisodeReader:
         return found
 
     def _of_body(self, hand: str, body: Body, keys: Sequence[str], table: Array) -> RecordedSamples:
-        """Return the movement of a body; `keys` are the datasets of the columns of the table."""
+        """Return the movement of a body from a table. `keys` are the datasets of its columns."""
         fields = body.samples(table)
         needed = body.moving[0]
         turns = keys[body.orientation[0].number] if fields["orientation"] is not None else ""
@@ -300,7 +300,7 @@ class EpisodeReader:
         )
 
     def _matrices(self, key: str) -> RecordedSamples:
-        """Return the movement of matrices (n_steps, 4, 4), in the order of rows or of columns."""
+        """Return the movement of matrices (n_steps, 4, 4), by rows or columns."""
         from scipy.spatial.transform import Rotation
 
         poses = self.file.array(key, (None, 4, 4))
@@ -331,7 +331,7 @@ class EpisodeReader:
         notes: tuple[str, ...] = (),
         unit: str | None = None,
     ) -> RecordedSamples:
-        """Return the movement of a hand, or of joints if they have `axes`; `numbers` are those of its columns."""
+        """Return the movement of an end effector, or of joints (`axes`). `numbers` are those of its columns."""
         time, is_stated, said = self._time(key, len(position))
         unit = unit or self._unit(key)
         samples = RecordedSamples(
@@ -358,7 +358,7 @@ class EpisodeReader:
         return unit_named(text) if isinstance(text, str) else None
 
     def _time(self, key: str, n_steps: int) -> tuple[Array, bool, tuple[str, ...]]:
-        """Return the time of each row, whether it is certain that it is in seconds, and notes."""
+        """Return each row's time, whether it is certainly seconds, and notes."""
         frames = np.arange(n_steps)
         if self.rate is not None:
             return frames / self.rate, True, ()
@@ -380,7 +380,7 @@ class EpisodeReader:
         return frames / rate, True, notes
 
     def _recorded_rate(self, key: str) -> tuple[float, tuple[str, ...]]:
-        """Return the samples a second that attributes state, or that the layout has, and a note of the latter."""
+        """Return the rate of attributes or layout [Hz], with a note."""
         above = key
         while True:
             if (said := self.file.attribute(above, RATES)) is not None:
@@ -401,7 +401,7 @@ class EpisodeReader:
         raise self.file.fault(key, "nothing says when its rows were recorded", SAY_RATE, rate=HZ)
 
     def _control_rate(self) -> float | None:
-        """Return `control_freq` in the attribute `env_args` of `data`; None if it is not stated."""
+        """Return `control_freq` in the attribute `env_args` of `data`, or None."""
         said = self.file.attribute("data", ("env_args",))
         if said is None:
             return None
@@ -433,7 +433,7 @@ def _unnamed(n_joints: int) -> tuple[str, ...]:
 
 
 def _column_names(stem: str, width: int) -> list[str]:
-    """Return names of the columns of a dataset, from which `read_columns` tells what they hold."""
+    """Return names of a dataset's columns that `read_columns` understands."""
     if width == 1:
         return [stem]
     if stem == "orientation" and width == 4:  # as comove writes them

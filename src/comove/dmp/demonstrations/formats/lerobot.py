@@ -3,11 +3,11 @@
 The readable layouts are v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
 (`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`), which is written. Videos are ignored.
 One vector feature of each episode is read, by default `observation.state`. The names of its coordinates in
-`meta/info.json` tell position, orientation, joints and gripper, and whose they are (`lerobot_features`).
+`meta/info.json` define position, orientation, joints and gripper, and their manipulators (`lerobot_features`).
 
 LeRobot keeps time stamps as float32 and requires even steps of 1 / `fps`; where they are even within 0.1 ms, time is
 read as frame / fps, exactly. The format has no units: Cartesian coordinates are read as metres, joints as radians,
-those of LeRobot's own small arms as they stand.
+those of LeRobot's own small arms unchanged.
 
 Needs pyarrow. Sizes are compared with a limit before any data are read, and paths out of the folder are refused.
 """
@@ -97,8 +97,8 @@ def read(
     Raises
     ------
     DemonstrationError
-        If the dataset cannot be read, is truncated or has another version, its parts do not agree, or nothing says
-        what the coordinates hold; names the file.
+        If the dataset cannot be read, is truncated or has another version, its parts do not agree, or the meaning of
+        the coordinates is unknown; names the file.
 
     Warns
     -----
@@ -149,7 +149,7 @@ def read(
 
 
 def _fields(one: Movement, rows: _Rows) -> dict[str, Any]:
-    """Return the fields of a movement; what it states are its unit and, where they fit the rate, its stamps."""
+    """Return the fields of a movement. It states its unit and, where they fit the rate, its stamps."""
     fields = one.body.samples(rows.values, unit=one.unit)
     is_stated = one.unit not in (None, "rad") or fields.pop("stated", None) is not None
     return fields | {"stated": frozenset([TIME] * rows.is_timed + [UNIT] * is_stated)}
@@ -227,7 +227,7 @@ FORMAT = Format(
 
 @dataclass(frozen=True)
 class _Dataset:
-    """Holds the content of a dataset's folder `meta`.
+    """The content of a dataset's folder `meta`.
 
     Attributes
     ----------
@@ -288,7 +288,7 @@ def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
 
 
 def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], number: int) -> str:
-    """Fill in the path of an episode's rows; only numbers are inserted, and paths out of the folder are refused."""
+    """Fill in the path of an episode's rows. Only numbers are inserted, and paths out of the folder are refused."""
     pattern = _value(file, info, "data_path", str)
     chunk_size = info.get("chunks_size") or CHUNK
     places = {
@@ -325,7 +325,7 @@ class _Rows:
     values : array, shape (n_steps, n_columns)
     first : number of the first row in the table
     is_timed : whether it is certain that time is in seconds
-    notes : what was found out about the stamps
+    notes : notes about the stamps
     """
 
     time: NDArray[np.float64]
@@ -391,7 +391,7 @@ def _episode(
 def _times(
     dataset: _Dataset, file: Path, rows: Table, first: int, rate: float | None
 ) -> tuple[NDArray[np.float64], bool, tuple[str, ...]]:
-    """Return the time of each row [s], whether it is certain to be in seconds, and notes."""
+    """Return each row's time [s], whether it is certain, and notes."""
     frames = _column(file, rows, "frame_index")
     if rate is not None:
         return np.arange(len(frames)) / rate, True, ()
@@ -420,7 +420,7 @@ def _times(
 
 
 def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
-    """Read columns of a Parquet file up to the size limit, and verify checksums if the file has them.
+    """Read columns of a Parquet file, with size limit and checksums.
 
     The sizes stated in the file's column metadata are not used: pyarrow ends the process where they are damaged.
     """
@@ -478,7 +478,7 @@ _NUMBERS = {
 
 
 def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
-    """Read the objects of a JSON file: one per line, or one for the whole file."""
+    """Read the objects of a JSON file, one per line or file."""
     existing_file(file, MAX_META_BYTES, "split the dataset")
     with telling(file):
         content = file.read_bytes()
@@ -498,7 +498,7 @@ def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
 
 
 def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
-    """Return one value of an object after a check of its type."""
+    """Return one value of an object, checked for its type."""
     if key not in row:
         raise fault(file, key, "it is missing", near_name(key, list(row)[:20]))
     if not isinstance(row[key], kind) or isinstance(row[key], bool):
@@ -507,7 +507,7 @@ def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
 
 
 def _common_fps(path: object, episodes: list[dict[str, RecordedSamples]]) -> int:
-    """Return the common sampling rate of all episodes, a whole number [Hz]."""
+    """Return the common integer sampling rate of all episodes [Hz]."""
     rate = common_rate(episodes, path)
     if not math.isclose(rate, round(rate), rel_tol=1e-9):
         raise fault(
@@ -530,7 +530,7 @@ def _names(path: object, demos: Mapping[str, RecordedSamples]) -> list[str]:
 
 
 def _require_readable(path: object, vector: dict[str, Any], demos: Mapping[str, RecordedSamples]) -> None:
-    """Raise unless the names of a vector tell the movements that it holds."""
+    """Raise unless a vector's names determine its movements."""
     try:
         read = movements_of(Path(str(path)), Feature.of(Path(str(path)), {STATE: vector}, STATE))
     except DemonstrationError:

@@ -1,8 +1,9 @@
-"""Movements in the vectors of LeRobot datasets: what their coordinates hold, by their names in `meta/info.json`.
+"""Movements in the vectors of LeRobot datasets.
 
-Names are lists, lists in a list, or mappings; missing ones say nothing, and then the columns are chosen by numbers.
-LeRobot names the joints of its own arms `shoulder_pan.pos` and keeps them in degrees, or in percent of the range that
-was calibrated, without saying which: `UNSTATED` is the unit of these numbers, until another one is stated.
+Names in `meta/info.json` define the coordinates. They are lists, lists in a list, or mappings; where they are
+missing, the columns are chosen by numbers. LeRobot names the joints of its own arms `shoulder_pan.pos` and keeps them
+in degrees, or in percent of the range that was calibrated, without a statement which: `UNSTATED` is the unit of these
+numbers, until another one is stated.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class Feature:
 
     @classmethod
     def of(cls, file: Path, features: Mapping[str, Any], name: str | None) -> Feature:
-        """Return the feature with a name, by default `observation.state`, or the only other vector but actions.
+        """Return a feature by name, or the state, or the only vector. Actions are no default.
 
         Raises
         ------
@@ -75,7 +76,7 @@ class Feature:
 
 
 def _width(feature: object) -> int | None:
-    """Return the number of coordinates of a vector; None if a feature is none."""
+    """Return a vector's number of coordinates, None for other features."""
     if not isinstance(feature, dict) or not str(feature.get("dtype", "float32")).startswith(("float", "int")):
         return None
     shape = feature.get("shape")
@@ -86,7 +87,7 @@ def _width(feature: object) -> int | None:
 
 @dataclass(frozen=True)
 class Movement:
-    """The columns of one movement in a vector, the unit of its coordinates, and notes about what was taken."""
+    """The columns of one movement in a vector, with unit and notes."""
 
     body: Body
     unit: str | None
@@ -101,7 +102,7 @@ def movements_of(
     columns: Sequence[str] | None = None,
     unit: str | None = None,
 ) -> dict[str, Movement]:
-    """Return the movements of a vector by manipulator, "" if the names of its coordinates say none.
+    """Return a vector's movements by manipulator, "" if unnamed.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def movements_of(
     Raises
     ------
     DemonstrationError
-        If nothing says what the coordinates hold, or a coordinate stands twice.
+        If the meaning of the coordinates is unknown, or a coordinate occurs twice.
     """
     key, unit = f"features.{feature.name}", unit or feature.unit
     is_joints = unit is not None and not is_length(unit)
@@ -172,7 +173,7 @@ def _joint_name(column: Column, side: str) -> str:
 
 
 def _flat_names(names: object, n_columns: int) -> list[str] | None:
-    """Return the names of a LeRobot feature as a list of `n_columns`, None if they are missing or do not fit.
+    """Return a feature's names as a list of `n_columns`, else None.
 
     They may be a list, a list in a list, a mapping of lists (`{"motors": [...]}`), or a mapping of names to places.
     """

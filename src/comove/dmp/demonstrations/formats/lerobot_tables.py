@@ -1,4 +1,4 @@
-"""The tables of a LeRobot dataset, version 3.0: few Parquet files that hold many episodes, and tables about them."""
+"""The tables of a LeRobot dataset, version 3.0, of many episodes each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCALARS = {"timestamp": "float32"} | dict.fromkeys(
 
 
 class DatasetTables:
-    """The tables of a dataset while it is written; use it in a `with` statement, and `finish` it there.
+    """The tables of a dataset being written. Use it in a `with` statement, and `finish` it there.
 
     Parameters
     ----------
@@ -62,13 +62,13 @@ class DatasetTables:
         about: Mapping[str, Any] | None = None,
         statistics: Mapping[str, Statistics] | None = None,
     ) -> None:
-        """Write the samples of an episode, as a group of rows of its own.
+        """Write the samples of an episode as a row group.
 
         Parameters
         ----------
         vectors : arrays, shape (n_steps, n_values), by feature
         about : further columns of the episode's row in the table of episodes
-        statistics : statistics of what no table holds, by feature
+        statistics : statistics of features outside the tables, by feature
         """
         columns = {**vectors, **self._scalars(len(next(iter(vectors.values()))))}
         size = sum(values.nbytes for values in columns.values())
@@ -96,11 +96,11 @@ class DatasetTables:
         self._frames += table.num_rows
 
     def finish(self, features: Mapping[str, Any], video_path: str | None = None) -> None:
-        """Write what describes the tables.
+        """Write the descriptions of the tables.
 
         Parameters
         ----------
-        features : descriptions of all but `SCALARS`, in the form that LeRobot gives them
+        features : descriptions of all but `SCALARS`, in LeRobot's form
         video_path : pattern of the paths of videos; None without any
         """
         (self.folder / EPISODES).parent.mkdir(parents=True, exist_ok=True)
@@ -154,7 +154,7 @@ class DatasetTables:
         )
 
     def _write_tasks(self) -> None:
-        """Write the table of tasks, whose index is the text of a task, as pandas marks it."""
+        """Write the table of tasks, indexed by text as in pandas."""
         index = {"name": "task", "field_name": "task", "pandas_type": "unicode", "numpy_type": "object"}
         column = dict.fromkeys(("name", "field_name"), "task_index")
         column |= dict.fromkeys(("pandas_type", "numpy_type"), "int64")
@@ -170,7 +170,7 @@ class DatasetTables:
 
 
 class Statistics:
-    """Least, greatest and mean values of columns, their standard deviation, and the number of rows."""
+    """Minimum, maximum, mean, standard deviation and count of columns."""
 
     def __init__(self, values: NDArray):
         rows = values.reshape(len(values), -1).astype(np.float64)
@@ -191,7 +191,7 @@ class Statistics:
         return both
 
     def plain(self) -> dict[str, list]:
-        """Return them by the names that LeRobot gives them."""
+        """Return them by LeRobot's names."""
         deviation = np.sqrt(self.squares / self.count)
         named = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": deviation}
         return {name: values.tolist() for name, values in named.items()} | {"count": [self.count]}

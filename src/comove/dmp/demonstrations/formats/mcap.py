@@ -1,7 +1,8 @@
-"""MCAP files: what encodes their messages, and checksums, written where the library omits them, verified elsewhere.
+"""MCAP files: encoding of messages, and checksums.
 
-The format has one for each chunk of messages (CRC-32 of its uncompressed records; the library verifies it), one for
-everything before the summary, and one for the summary; 0 means none. See https://mcap.dev/spec.
+Checksums are written and verified where the library does not. The format has one for each chunk of messages (CRC-32
+of its uncompressed records; the library verifies it), one for everything before the summary, and one for the summary;
+0 means none. See https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _TAIL = _HEAD.size + _STARTS.size + _CRC.size + len(MAGIC)
 
 
 def check_mcap(path: Path) -> bool:
-    """Verify that the messages of a file are of ROS 2, or JSON, and its checksums; return whether they are JSON.
+    """Verify a file's checksums; return whether its messages are JSON.
 
     Raises
     ------
@@ -54,9 +55,7 @@ def check_mcap(path: Path) -> bool:
 
 
 def _is_json(path: Path, file: IO[bytes], start: int, size: int) -> bool:
-    """Return whether the messages of a file are JSON, and raise if a whole file says that they are of another kind
-    than that and ROS 2; `start` is that of its summary.
-    """
+    """Return whether messages are JSON; raise unless JSON or ROS 2. `start` is the place of the file's summary."""
     file.seek(0)
     content = file.read(_MAX_HEADER)
     if not content.startswith(MAGIC) or content[len(MAGIC) : len(MAGIC) + 1] != bytes([_HEADER]) or not start:
@@ -120,7 +119,7 @@ def seal_mcap(path: Path) -> None:
 
 
 def records(file: IO[bytes], size: int, at: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
-    """Iterate over the position, kind and length of each complete record from `at` on."""
+    """Iterate over position, kind and length of complete records from `at`."""
     while at + _HEAD.size <= size - len(MAGIC):
         file.seek(at)
         kind, length = _HEAD.unpack(file.read(_HEAD.size))

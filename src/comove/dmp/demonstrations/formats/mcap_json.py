@@ -1,8 +1,9 @@
-"""JSON messages in MCAP files, in the shape of ROS messages: those of Foxglove's schemas, of rosbridge, or alike.
+"""JSON messages in MCAP files, in the shape of ROS messages.
 
-What a topic holds is told by the name of its schema if it is one of ROS, else by the keys of its first message:
-``pose: {position: {x, y, z}, orientation: {x, y, z, w}}`` is a pose, ``name`` and ``position`` are joints. Stamps are
-``header.stamp`` or ``timestamp``, of seconds and nanoseconds, of ISO 8601, or in seconds.
+Foxglove's schemas, rosbridge and others write them. The type of a topic follows from the name of its schema if it is
+one of ROS, else from the keys of its first message: ``pose: {position: {x, y, z}, orientation: {x, y, z, w}}`` is a
+pose, ``name`` and ``position`` are joints. Stamps are ``header.stamp`` or ``timestamp``, of seconds and nanoseconds,
+of ISO 8601, or in seconds.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ _SHAPES: dict[str, Mapping[str, Any]] = {
 
 @dataclass(frozen=True)
 class Connection:
-    """A channel as `rosbags` describes them: its topic, the type and number of its messages."""
+    """A channel as in `rosbags`: topic, message type and count."""
 
     id: int
     topic: str
@@ -66,7 +67,7 @@ class Connection:
 
 
 class JsonReader:
-    """The messages of an MCAP file of JSON, as the readers of `rosbags` give those of ROS.
+    """The messages of a JSON MCAP file, read as by `rosbags`.
 
     Attributes
     ----------
@@ -98,7 +99,7 @@ class JsonReader:
         ]
 
     def messages(self, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Iterate over the messages of some channels in the order of their times [ns]."""
+        """Iterate over channels' messages in the order of their times [ns]."""
         wanted = {one.id: one for one in connections}
         found = []
         for kind, body in self._records():
@@ -107,7 +108,7 @@ class JsonReader:
         yield from sorted(found, key=lambda one: one[1])
 
     def decode(self, data: bytes, kind: str) -> Any:
-        """Return a message as an object of the attributes that its type of ROS has.
+        """Return a message as an object with its ROS type's attributes.
 
         Raises
         ------
@@ -117,7 +118,7 @@ class JsonReader:
         return _shaped(self._object(kind, data), _SHAPES[kind], self.path, kind)
 
     def _kind(self, topic: str, schema: str, data: bytes) -> str:
-        """Return the type of ROS of a topic's messages; the name of their schema if they hold no movement."""
+        """Return the ROS type of a topic's messages, else its schema."""
         package, _, last = schema.replace("/msg/", "/").replace("::msg::", "/").partition("/")
         if package.endswith("_msgs"):
             return f"{package}/msg/{last}"
@@ -140,7 +141,7 @@ class JsonReader:
             raise fault(self.path, key, message, "record it again, or choose another topic") from error
 
     def _records(self) -> Iterator[tuple[int, bytes]]:
-        """Iterate over the kind and content of the records of the data, those in chunks included."""
+        """Iterate over kind and content of records, also those in chunks."""
         with open(self.path, "rb") as file:
             size = file.seek(0, 2)
             for kind, body in _bodies(file, size, 8):
@@ -167,7 +168,7 @@ class JsonReader:
 
 
 def _bodies(file: IO[bytes], size: int, at: int) -> Iterator[tuple[int, bytes]]:
-    """Iterate over the kind and content of records; what follows the data is passed over."""
+    """Iterate over kind and content of records, skipping those after the data."""
     for place, kind, length in records(file, size, at):
         if kind in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
             file.seek(place + 9)
@@ -175,7 +176,7 @@ def _bodies(file: IO[bytes], size: int, at: int) -> Iterator[tuple[int, bytes]]:
 
 
 def _shaped(message: Any, shape: Any, path: Path, key: str) -> Any:
-    """Return a value of JSON with the attributes of a shape; a message has a header besides."""
+    """Return a JSON value with a shape's attributes; messages get a header."""
     if shape is float or shape is str:
         if isinstance(message, str if shape is str else float | int) and not isinstance(message, bool):
             return shape(message)
@@ -197,7 +198,7 @@ def _shaped(message: Any, shape: Any, path: Path, key: str) -> Any:
 
 
 def _header(message: Mapping[str, Any], path: Path, key: str) -> SimpleNamespace:
-    """Return the header of a message; its stamp is 0 where the message has none."""
+    """Return the header of a message, with stamp 0 if missing."""
     said = message.get("header")
     header = said if isinstance(said, dict) else message
     stamp = header.get("stamp", header.get("timestamp", 0))
@@ -206,7 +207,6 @@ def _header(message: Mapping[str, Any], path: Path, key: str) -> SimpleNamespace
 
 
 def _stamp(stamp: Any, path: Path, key: str) -> tuple[int, int]:
-    """Return the whole seconds and nanoseconds of a stamp."""
     try:
         if isinstance(stamp, dict):
             sec = next((stamp[name] for name in ("sec", "secs", "seconds") if name in stamp), 0)

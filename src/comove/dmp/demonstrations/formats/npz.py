@@ -42,7 +42,7 @@ def read(
     Parameters
     ----------
     path : archive in the layout of this module, up to 256 MB unpacked
-    time : unit of `time` in brackets, "time [ms]"; seconds, or what its size shows, unless given
+    time : unit of `time` in brackets, "time [ms]"; seconds, or a unit inferred from its size, unless given
     rate : sampling rate [Hz], instead of `time`
 
     Returns
@@ -65,7 +65,7 @@ def read(
 def _seconds(
     path: Path, stamps: NDArray, time: str | None, rate: float | None
 ) -> tuple[NDArray, tuple[str, ...]]:
-    """Return the stamps of an archive in seconds, and notes; arrays that are no stamps are left to the checks."""
+    """Return an archive's stamps in seconds, and notes. Arrays that are no stamps are left to the checks."""
     if stamps.ndim != 1 or stamps.dtype.kind not in "iuf" or (rate is not None and time is not None):
         if rate is None or time is None:
             return stamps, ()
@@ -84,7 +84,7 @@ def _seconds(
 
 
 def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
-    """Write movements to an archive, from which they are read again with the same numbers, bit by bit.
+    """Write movements to an archive, without loss of any bit.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _movement(
 
 
 def _manipulators(path: Path, arrays: Mapping[str, NDArray]) -> list[str]:
-    """Return the names along the second axis of `position`, shape (n_steps, n_manipulators, n_dims)."""
+    """Return the names along the second axis of `position`."""
     n_manipulators = arrays["position"].shape[1]
     names = arrays.get("manipulators")
     if names is None:

@@ -1,6 +1,6 @@
-"""The register from which the formats of files are recognised.
+"""The register of file formats.
 
-A format turns files into `comove.dmp.demonstrations.samples.RecordedSamples` and back; it knows no `Demonstration`.
+A format turns files into `comove.dmp.demonstrations.samples.RecordedSamples` and back; it uses no `Demonstration`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _OTHERS = (
 
 
 def format_of(path: str | os.PathLike[str]) -> Format:
-    """Return the format of a file or folder, by its suffix or by what the folder holds.
+    """Return the format of a file or folder by suffix or content.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def format_of(path: str | os.PathLike[str]) -> Format:
 
 
 def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
-    """Write one movement, or movements by manipulator, to a file in the format of its suffix.
+    """Write one or several movements in the format of the suffix.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def load(
 ) -> RecordedSamples:
     """Return one movement; see `Demonstration.load`.
 
-    Options that the format does not take are refused by name; those that are None count as not given.
+    Options that the format does not have are refused by name; those that are None count as not given.
     """
     path = Path(path)
     said = {"manipulator": manipulator, "unit": unit, **options}
@@ -155,7 +155,7 @@ def _load(
 
 
 def load_recordings(path: str | os.PathLike[str]) -> tuple[dict[str, RecordedSamples], ...]:
-    """Return all recordings, each as movements by manipulator; see `Demonstration.load_recordings`."""
+    """Return all recordings by manipulator; see `Demonstration.load_recordings`."""
     path = Path(path)
     found = format_of(path).read(path)
     alone = {name: entry for name, entry in found.items() if isinstance(entry, RecordedSamples)}
@@ -165,7 +165,7 @@ def load_recordings(path: str | os.PathLike[str]) -> tuple[dict[str, RecordedSam
 
 
 def is_format(path: Path) -> bool:
-    """Return whether a file has a suffix, or a folder the file, by which a format is recognised."""
+    """Return whether a path has a known suffix, or marker file."""
     if path.is_dir():
         return any(format.marker and (path / format.marker).exists() for format in FORMATS)
     suffix = path.suffix.lower()
@@ -186,7 +186,7 @@ def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: 
 
 
 def chosen_name(names: Iterable[str], manipulator: str | None, file: object) -> str:
-    """Return the name among those of a recording's movements that a manipulator's name means."""
+    """Return the movement's name that a manipulator's name means."""
     names = list(names)
     if names == [""] and manipulator is not None:
         raise fault(

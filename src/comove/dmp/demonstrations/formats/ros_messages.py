@@ -1,8 +1,9 @@
-"""Movements in the messages of one topic of ROS: poses and points of one or several bodies, joints, transforms.
+"""Movements in the messages of one ROS topic.
 
-Messages of one topic are told apart by what they say of: the frames of a transform or pose, the number in an array
-of poses, the set of joints. Time is that of the headers; the bag's own if a header has none, or all are alike.
-Samples that arrive late by little are sorted; where time begins anew, another movement begins.
+They are poses and points of one or several bodies, joints, or transforms. Messages of one topic are told apart by
+their subject: the frames of a transform or pose, the number in an array of poses, the set of joints. Time is that of
+the headers; the bag's own if a header has none, or all are alike. Samples that arrive late by little are sorted;
+where time begins anew, another movement begins.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ Messages = Iterator[tuple[int, Any]]
 
 @dataclass(frozen=True)
 class Track:
-    """One movement: stamps (n_steps,) [ns], values with a row each, notes, and its joints if it is theirs."""
+    """One movement: stamps (n_steps,) [ns], values by row, notes, joints."""
 
     stamps: NDArray[np.int64]
     position: NDArray[np.float64]
@@ -64,7 +65,7 @@ def read_messages(
     body: str = "",
     rate: float | None = None,
 ) -> dict[str, Track]:
-    """Return the movements in the messages of a topic by their names; "" if there is only one.
+    """Return the movements in a topic's messages by name. The name is "" if there is only one.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def read_messages(
 
 
 def _in_order(path: Path, topic: str, track: Track) -> list[Track]:
-    """Return the samples in the order of their stamps; several parts if time begins anew between them."""
+    """Return the samples ordered by stamps, in parts if time restarts."""
     stamps = track.stamps
     latest, most = _latest(stamps), _most(stamps)
     if latest == 0:
@@ -124,12 +125,12 @@ def _in_order(path: Path, topic: str, track: Track) -> list[Track]:
 
 
 def _latest(stamps: NDArray[np.int64]) -> int:
-    """Return how far a stamp lies behind an earlier one [ns], at most."""
+    """Return the largest delay of a stamp behind an earlier one [ns]."""
     return int((np.maximum.accumulate(stamps) - stamps).max())
 
 
 def _most(stamps: NDArray[np.int64]) -> int:
-    """Return how late messages may be and are sorted [ns]."""
+    """Return the largest delay of messages that are sorted [ns]."""
     return min(LATEST, int(LATEST_SHARE * np.ptp(stamps)))
 
 
@@ -138,7 +139,9 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _chosen_stamps(stamps: array[int]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the stamps of the headers, or the bag's own, with a note, if a header has none or all are alike.
+    """Return the headers' stamps, or else the bag's, and notes.
+
+    The bag's are used if a header has none, or all are alike.
 
     Parameters
     ----------
@@ -155,7 +158,7 @@ def _chosen_stamps(stamps: array[int]) -> tuple[NDArray[np.int64], tuple[str, ..
 
 
 def _track(stamps: NDArray[np.int64], rows: array[float], notes: tuple[str, ...]) -> Track:
-    """Build a track from points x y z, or from poses x y z and w x y z."""
+    """Build a track from points or poses. A row is x y z, and w x y z of poses."""
     values = np.array(rows, dtype=np.float64).reshape(len(stamps), len(rows) // max(len(stamps), 1))
     position, orientation = values[:, :3], values[:, 3:]
     if not orientation.size:
@@ -185,7 +188,7 @@ _Picked = Iterable[tuple[_Body, tuple[float, ...]]]
 
 
 def _reader(pick: Callable[[Any], _Picked], *, is_stamped: bool = True) -> Callable[..., dict[str, Track]]:
-    """Return a reader of messages in each of which `pick` finds the points or poses of bodies."""
+    """Return a reader of bodies' points or poses, found by `pick`."""
 
     def read(path: Path, topic: str, messages: Messages) -> dict[str, Track]:
         found: dict[_Body, tuple[array[int], array[float]]] = {}
@@ -208,7 +211,7 @@ def _reader(pick: Callable[[Any], _Picked], *, is_stamped: bool = True) -> Calla
 
 
 def _names_of(bodies: list[_Body]) -> dict[_Body, str]:
-    """Return the shortest names that tell bodies apart; "" for a single one."""
+    """Return the shortest distinct names of bodies; "" for one."""
     if len(bodies) == 1:
         return {bodies[0]: ""}
     for place in range(len(bodies[0])):
@@ -218,7 +221,7 @@ def _names_of(bodies: list[_Body]) -> dict[_Body, str]:
 
 
 def _read_pose_array(path: Path, topic: str, messages: Messages) -> dict[str, Track]:
-    """Read arrays of poses, of which each place is a body; its number is the same in all messages."""
+    """Read arrays of poses, in which each place is a body. The number of poses is the same in all messages."""
     count = -1
 
     def pick(message: Any) -> _Picked:
@@ -263,7 +266,7 @@ def _read_path(path: Path, topic: str, messages: Messages, rate: float | None) -
 
 
 def _read_joint_states(path: Path, topic: str, messages: Messages) -> dict[str, Track]:
-    """Read joint states; each set of joints is a movement, in the order of its first message."""
+    """Read joint states; each set of joints is a movement. Joints are in the order of its first message."""
     kinds: dict[tuple[str, ...], tuple[array[int], array[float], array[int]]] = {}
     n_messages = 0
     for received, message in messages:
@@ -317,7 +320,7 @@ def _read_joint_trajectory(path: Path, topic: str, messages: Messages) -> dict[s
 def _read_transforms(
     path: Path, topic: str, messages: Messages, static: Messages, body: str
 ) -> dict[str, Track]:
-    """Read transforms; the movement `body` is that of one frame in another, CHILD@PARENT."""
+    """Read transforms; `body` names a movement, CHILD@PARENT."""
     edges: dict[tuple[str, str], tuple[array[int], array[float]]] = {}
     constant = {}
     for is_static, (received, message) in chain(zip(repeat(False), messages), zip(repeat(True), static)):

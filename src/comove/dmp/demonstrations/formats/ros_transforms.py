@@ -1,4 +1,4 @@
-"""Movements of one frame in another, from transforms between neighbouring frames as ROS records them.
+"""Movements of one frame in another, from ROS transforms.
 
 As in tf2, each frame has one parent, transforms between their stamps are interpolated (positions linearly,
 orientations along the shortest turn), and transforms that are constant hold at all times.
@@ -52,7 +52,7 @@ class Transforms:
         return not bool((np.abs(poses - poses[0]) <= STILL).all())
 
     def at(self, stamps: Integers) -> _Pose:
-        """Return the poses at stamps between the first and the last, or the constant one."""
+        """Return the poses at stamps within the range, or the constant one."""
         if not self.is_moving:
             return self.position[:1], self.orientation[:1]
         if np.array_equal(stamps, self.stamps):
@@ -80,7 +80,7 @@ class TransformTree:
             self.parents.setdefault(child, []).append(parent)
 
     def movements(self) -> dict[str, Transforms]:
-        """Return the only moving transform as "", or those of all ends of the tree that move, as CHILD@PARENT.
+        """Return the moving transform as "", or all ends' as CHILD@PARENT. The ends are those of the tree that move.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class TransformTree:
         return found
 
     def movement(self, name: str) -> Transforms:
-        """Return the movement of a frame in another, named CHILD@PARENT, or CHILD in the root of its tree.
+        """Return the movement CHILD@PARENT, or CHILD in its root.
 
         Raises
         ------
@@ -136,14 +136,14 @@ class TransformTree:
         return self._resolved(child, parent)
 
     def _fault(self, message: str, way_out: str, pair: Sequence[str] = ()) -> DemonstrationError:
-        """Return an error; `pair` are frames, child and parent, between which a movement can be read."""
+        """Return an error; `pair` are frames of a readable movement."""
         if not pair:
             return fault(self.path, self.topic, message, way_out)
         name = f"{self.topic}:{pair[0]}@{pair[1]}"
         return fault(self.path, self.topic, message, f"{way_out}, such as {name}", topic=name)
 
     def _chain(self, frame: str) -> list[Transforms]:
-        """Return the transforms from a frame up to the root of its tree."""
+        """Return the transforms from a frame up to its root."""
         chain: list[Transforms] = []
         while parents := self.parents.get(frame):
             if len(parents) > 1:
@@ -165,7 +165,7 @@ class TransformTree:
         return chain
 
     def _resolved(self, child: str, parent: str) -> Transforms:
-        """Return the poses of one frame in another, at the stamps of the transform with most of them."""
+        """Return a frame's poses in another, at the most frequent stamps."""
         up, down = self._chain(child), self._chain(parent)
         above = [child, *(one.parent for one in up)]
         shared = [frame for frame in above if frame in (parent, *(one.parent for one in down))]
@@ -203,7 +203,7 @@ class TransformTree:
         return Transforms(child, parent, stamps, position, orientation, notes)
 
     def _unit(self, one: Transforms) -> Transforms:
-        """Return transforms with quaternions of norm 1, and raise if one is off by more than rounding."""
+        """Return transforms with unit quaternions; raise if one is far off."""
         norm = np.linalg.norm(one.orientation, axis=1, keepdims=True)
         bad = ~(np.abs(norm - 1.0) <= NORM_TOLERANCE)
         if bad.any():
@@ -223,7 +223,7 @@ def _around(stamps: Integers, first: int, last: int) -> slice:
 
 
 def _product(chain: Sequence[Transforms], stamps: Integers) -> _Pose:
-    """Return the pose of the first child in the last parent of a chain."""
+    """Return the first child's pose in a chain's last parent."""
     pose: _Pose = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
     for one in chain:
         pose = _after(one.at(stamps), pose)
@@ -231,7 +231,7 @@ def _product(chain: Sequence[Transforms], stamps: Integers) -> _Pose:
 
 
 def _after(outer: _Pose, inner: _Pose) -> _Pose:
-    """Return the composition: `inner` is given in the frame whose pose is `outer`."""
+    """Return the composition of poses, `inner` given in `outer`."""
     turned = (matrices(outer[1]) @ inner[0][:, :, None])[:, :, 0]
     return outer[0] + turned, quaternion_product(outer[1], inner[1])
 

@@ -105,7 +105,7 @@ def read(
 
 
 def topics(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return the type of each topic that holds a movement; transforms only if no other topic does.
+    """Return the type of each topic that holds a movement. Transforms count only if no other topic does.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def write(
     about: str = "",
     images: Images = NO_IMAGES,
 ) -> None:
-    """Write movements to a bag, from which they are read again with the same numbers, bit by bit.
+    """Write movements to a bag, without loss of any bit.
 
     Time stamps are rounded to whole nanoseconds. Movements in metres become `PoseStamped`, or `PointStamped` without
     orientations, on the topics `/NAME/pose` or `/NAME/point`; all others `JointState` on `/NAME/joint_states`.
@@ -140,7 +140,7 @@ def write(
     storage : storage format of a folder, "mcap" or "sqlite3"
     frame_id : reference frame of the positions
     start_ns : stamp of time zero [ns]; not 0, which means "none" in ROS
-    about : text that stands in the bag as a `String` on the topic `/comove/about`
+    about : text written as a `String` on the topic `/comove/about`
     images : times [s] and JPEG files of cameras by their names, on the topics `/NAME/image/compressed`
 
     Raises
@@ -186,7 +186,7 @@ FORMAT = Format(
 
 @dataclass(frozen=True)
 class _Bag:
-    """An open bag: the library's reader and the function that decodes its messages."""
+    """An open bag: the library's reader and its message decoder."""
 
     reader: Any
     decode: Callable[[bytes, str], Any]
@@ -233,7 +233,7 @@ def _opened(path: Path) -> Iterator[_Bag]:
 
 @contextlib.contextmanager
 def _supported(path: Path) -> Iterator[None]:
-    """Convert the library's refusal of a kind of bag to a fault that calls it no damage."""
+    """Convert the library's refusal of a bag's kind to a fault."""
     try:
         yield
     except Exception as error:
@@ -248,7 +248,7 @@ def _supported(path: Path) -> Iterator[None]:
 
 
 def _check_sqlite_size(file: Path) -> None:
-    """Raise if a database is truncated: SQLite itself only notices when it needs a missing page."""
+    """Raise if a database is truncated. SQLite itself only notices when it needs a missing page."""
     with open(file, "rb") as stream:
         header = stream.read(100)
     size = file.stat().st_size
@@ -264,7 +264,7 @@ def _check_sqlite_size(file: Path) -> None:
 
 
 def _kinds(bag: _Bag) -> dict[str, tuple[str, int]]:
-    """Return the type of each topic, and the number of its messages."""
+    """Return each topic's type and number of messages."""
     found: dict[str, tuple[str, int]] = {}
     for one in sorted(bag.reader.connections, key=lambda one: one.topic):
         found[one.topic] = one.msgtype, found.get(one.topic, ("", 0))[1] + one.msgcount
@@ -272,7 +272,7 @@ def _kinds(bag: _Bag) -> dict[str, tuple[str, int]]:
 
 
 def _chosen(path: Path, bag: _Bag, topic: str | None = None) -> dict[str, str]:
-    """Return the type of the topic, or of all that hold movements: transforms only if no other does."""
+    """Return the type of a topic, or of all with movements. Transforms count only without others."""
     kinds = _kinds(bag)
     usable = {name: kind for name, (kind, _) in kinds.items() if kind in KINDS}
     if topic in usable:
@@ -301,7 +301,7 @@ def _in_words(kinds: Mapping[str, str]) -> str:
 def _read_topic(
     path: Path, bag: _Bag, topic: str, kind: str, body: str, rate: float | None
 ) -> dict[str, Track]:
-    """Read all messages of a topic, and the constant transforms that belong to it."""
+    """Read all messages of a topic, with its constant transforms."""
     static = _messages(path, bag, topic + STATIC, kind) if kind in TRANSFORMS else iter(())
     return read_messages(
         path, topic, kind, _messages(path, bag, topic, kind), static=static, body=body, rate=rate
@@ -309,7 +309,7 @@ def _read_topic(
 
 
 def _messages(path: Path, bag: _Bag, topic: str, kind: str) -> Messages:
-    """Decode the messages of a topic, one at a time, so that only one is in memory."""
+    """Decode the messages of a topic, one at a time."""
     connections = [c for c in bag.reader.connections if c.topic == topic and c.msgtype == kind]
     n_messages, n_found = sum(connection.msgcount for connection in connections), 0
     if n_messages > MAX_ROWS:
@@ -334,7 +334,7 @@ def _sizes(tracks: Mapping[str, Track]) -> dict[str, str]:
 
 
 def _samples(path: Path, topic: str, track: Track, first: int) -> RecordedSamples:
-    """Return the movement of a topic; time is counted from the stamp `first` [ns]."""
+    """Return the movement of a topic, timed from stamp `first` [ns]."""
     origin = Origin(
         path,
         time=lambda sample: f"{topic}, sample {sample}, stamp",
@@ -388,7 +388,7 @@ def _write_messages(
     about: str,
     images: Images,
 ) -> None:
-    """Write the messages of all movements and cameras in the order of their stamps."""
+    """Write the messages of movements and cameras in stamp order."""
     if about:
         text = "std_msgs/msg/String"
         connection = writer.add_connection("/comove/about", text, typestore=store)
@@ -441,7 +441,7 @@ def _topic_and_type(path: Path, name: str, demo: RecordedSamples) -> tuple[str, 
 
 
 def _header_maker(store: Any, frame_id: str) -> Callable[[int, int], Any]:
-    """Return a function that makes the header of a row's message at a stamp [ns]."""
+    """Return a function that makes a row's header at a stamp [ns]."""
     Header, Time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
     is_ros1 = "seq" in {name for name, _ in store.fielddefs["std_msgs/msg/Header"][1]}
 
@@ -453,7 +453,7 @@ def _header_maker(store: Any, frame_id: str) -> Callable[[int, int], Any]:
 
 
 def _image_maker(store: Any, kind: str, files: Sequence[bytes], frame_id: str) -> Callable[[int, int], Any]:
-    """Return a function that makes the message of a camera's picture at a stamp [ns]."""
+    """Return a function that makes a camera's message at a stamp [ns]."""
     message, header = store.types[kind], _header_maker(store, frame_id)
 
     def image(row: int, stamp: int) -> Any:
@@ -464,7 +464,7 @@ def _image_maker(store: Any, kind: str, files: Sequence[bytes], frame_id: str) -
 
 
 def _maker(store: Any, kind: str, demo: RecordedSamples, frame_id: str) -> Callable[[int, int], Any]:
-    """Return a function that makes the message of a row at a stamp [ns]."""
+    """Return a function that makes a row's message at a stamp [ns]."""
     message, header = store.types[kind], _header_maker(store, frame_id)
     Point, Quaternion, Pose = (
         store.types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose")

@@ -1,4 +1,4 @@
-"""Columns of text tables by their numbers: TUM, EuRoC, KITTI, `ros2 topic echo`, and homogeneous matrices."""
+"""Columns by numbers: TUM, EuRoC, KITTI, `ros2 topic echo`, homogeneous matrices."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TOLERANCE = 1e-3
 
 
 def tried(layout: Layout) -> list[list[str]]:
-    """Return the cells of many rows, for what the first ones do not tell."""
+    """Return the cells of many rows, more than the first ones."""
     rows = (layout.cells(line) for _, line in islice(layout.rows(), _TRIED))
     return [row for row in rows if len(row) == layout.n_cells]
 
@@ -40,15 +40,15 @@ def numbers_of(cells: Sequence[str]) -> Array:
 
 
 def grows_evenly(values: Array) -> bool:
-    """Return whether numbers increase in steps that differ by less than half of their mean."""
+    """Return whether numbers increase in similar steps. Steps differ by less than half of their mean."""
     steps = np.diff(values)
     return len(steps) > 0 and bool((steps > 0.0).all() and np.ptp(steps) < 0.5 * steps.mean())
 
 
 def are_rates_of(rates: Array, values: Array, stamps: Array) -> bool:
-    """Return whether numbers are the speeds at which others change, within a fifth of these or of their integral.
+    """Return whether numbers are the rates of change of others.
 
-    Steady ones may be anything.
+    They agree within a fifth of these or of their integral. Steady ones are undecided.
     """
     steps = np.diff(stamps)
     if len(steps) < 3 or not (steps > 0.0).all():
@@ -61,7 +61,7 @@ def are_rates_of(rates: Array, values: Array, stamps: Array) -> bool:
 
 
 def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
-    """Return the columns of a table without names, and the layout that was recognised, in words."""
+    """Return a nameless table's columns, and the recognised layout in words."""
     n_columns = layout.n_cells
     plain = [Column(number, str(number + 1), Kind.OTHER) for number in range(n_columns)]
     sample = np.array([numbers_of(row) for row in layout.sample if len(row) == n_columns])
@@ -101,7 +101,7 @@ def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
 
 
 def _times(sample: Array, places: Sequence[int], layout: Layout) -> dict[int, str | None]:
-    """Return the units of the columns of time in front: one that grows, or seconds from 1970 and nanoseconds."""
+    """Return the units of the leading time columns. They are one that grows, or seconds from 1970 and nanoseconds."""
     if places[:2] == [0, 1]:
         first, other = sample[:, 0], sample[:, 1]
         are_whole = all(cell.isdigit() for number in (0, 1) for cell in layout.sampled(number))
@@ -126,7 +126,7 @@ def _named(
 
 
 def with_matrices(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, ...]:
-    """Return columns in which those of a homogeneous matrix, `O_T_EE[0]` to `[15]`, are a position and a rotation."""
+    """Return columns with homogeneous matrices, `O_T_EE[0]` to `[15]`, as positions and rotations."""
     stems: dict[str, list[Column]] = {}
     for column in columns:
         found = re.fullmatch(r"(.*?)[._\[(/ ]?\d+[\])]?", column.name)
@@ -146,9 +146,9 @@ def with_matrices(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, 
 
 
 def _pose(sample: Array, places: Sequence[int]) -> dict[int, str] | None:
-    """Return the axes of columns that are poses of 12 numbers, or of 16 by rows or columns; None if they are none.
+    """Return the axes of columns that are poses, else None. Poses are 12 numbers, or 16 by rows or columns.
 
-    A rotation by columns is known by its last column: the translation stands in the last four numbers.
+    A rotation by columns is recognised by the translation in the last four numbers.
     """
     n = len(places)
     if n not in (12, 16):

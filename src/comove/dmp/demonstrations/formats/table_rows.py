@@ -1,4 +1,4 @@
-"""Rows of text tables: their numbers, and the row and cell that cannot be read.
+"""Rows of text tables: their numbers, and unreadable cells.
 
 Rows are counted as in an editor: the first line of the file is row 1. NumPy's C parser reads the numbers; only if it
 refuses a row are the rows searched for the bad cell.
@@ -41,14 +41,14 @@ class TableRows:
     Attributes
     ----------
     layout : layout of the table
-    drop_missing : whether rows in which something was not measured are left out, instead of refused
+    drop_missing : whether rows with missing measurements are left out, instead of refused
     """
 
     layout: Layout
     drop_missing: bool = False
 
     def read(self, places: Sequence[int], numbers: Sequence[int]) -> tuple[list[NDArray], Array, str]:
-        """Return the stamps in each column of time, the other wanted columns, and what was left out.
+        """Return time stamps, the wanted columns, and the rows left out.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class TableRows:
         return stamps, values, said
 
     def numbered(self, wanted: Sequence[int], dropped: list[int] | None = None) -> Iterator[tuple[int, str]]:
-        """Iterate over the number and text of the rows; the numbers of those left out are added to `dropped`."""
+        """Iterate over number and text of the rows. The numbers of those left out are added to `dropped`."""
         layout, separator, names = self.layout, self.layout.separator, self.layout.header.names
         n_columns, n_found = max(layout.n_cells, 1), 0
         for row, line in layout.rows():
@@ -144,7 +144,7 @@ class TableRows:
             yield row, line
 
     def _bad_cell(self, wanted: Sequence[int]) -> DemonstrationError:
-        """Return the error that describes the first bad cell of the wanted columns."""
+        """Return the error about the first bad cell of wanted columns."""
         path, names = self.layout.path, self.layout.header.names
         for row, line in self.numbered(wanted):
             cells = self.layout.cells(line)
@@ -188,7 +188,7 @@ class TableRows:
 
 
 def check_length(path: Path) -> None:
-    """Raise if a file has too many rows or too long a row, before any of it is parsed."""
+    """Raise if a file has too many, or too long, rows. Nothing is parsed before."""
     most = MAX_ROWS + 1000
     feeds = returns = line = 0
     with open(path, "rb") as file:
@@ -211,7 +211,7 @@ def check_length(path: Path) -> None:
 
 
 def _kind_of_stamps(cells: Sequence[str]) -> Any:
-    """Return the type in which stamps are parsed: whole numbers exactly, dates as text."""
+    """Return the type of parsed stamps: integers exactly, dates as text."""
     if any(map(is_time, cells)):
         return "U40"
     whole = cells and all(cell.lstrip("+-").isdigit() for cell in cells)

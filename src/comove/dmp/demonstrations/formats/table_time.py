@@ -1,4 +1,4 @@
-"""The time of text tables: seconds from columns of stamps, dates or times of the day, or from a rate."""
+"""The time of text tables, from columns of stamps or a rate."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _DAY, _HOUR = 86_400_000_000_000, 3_600_000_000_000  # ns
 
 @dataclass(frozen=True)
 class Clock:
-    """Source of the time of a table: its columns, or a rate.
+    """The source of a table's time: its columns, or a rate.
 
     Attributes
     ----------
     columns : columns of time; of a rate those of frames
     is_chosen : whether a user names the first of them
     rate : samples a second [Hz]
-    words : what is said of a rate
+    words : description of a rate
     """
 
     columns: tuple[Column, ...] = ()
@@ -66,9 +66,9 @@ class Clock:
 
 
 def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.int64]:
-    """Return nanoseconds of dates from 1970, or of times of the day, which may pass midnight.
+    """Return nanoseconds since 1970, or of times of day.
 
-    Minutes and seconds may pass a full hour.
+    Times of day may pass midnight, minutes and seconds a full hour.
     """
     zone = _ZONE.search(str(stamps[0]))
     text = np.char.strip(np.char.replace(stamps, ",", "."))
@@ -101,7 +101,7 @@ def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.
 
 
 def _days(texts: Sequence[str]) -> list[int]:
-    """Return days since 1970; of day and month in an unknown order, those that lie closest together."""
+    """Return days since 1970; day and month are ordered such that dates are closest."""
     numbers = [tuple(map(int, re.split(r"[-/.]", text))) for text in texts]
     if all(one[0] > 31 for one in numbers):
         orders = [(0, 1, 2)]

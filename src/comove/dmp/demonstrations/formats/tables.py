@@ -1,10 +1,9 @@
 """Recordings as text tables: any separator, any names of columns, any units of length and time.
 
 The layout is found (`formats.layout`): separators, decimal commas, rows of the header, a preamble. The names of the
-columns say what they hold (`comove.dmp.demonstrations.columns`), and their numbers where names say nothing
-(`formats.table_guesses`). comove's own tables (`formats.csv`) are those whose columns are exactly the ones that it
-writes. Here is decided which columns are read, and from where time comes; `formats.table_rows` and
-`formats.table_time` read them.
+columns define their meaning (`comove.dmp.demonstrations.columns`), or else their numbers (`formats.table_guesses`).
+comove's own tables (`formats.csv`) are those whose columns are exactly the ones that it writes. This module selects
+the columns and the source of time; `formats.table_rows` and `formats.table_time` read them.
 """
 
 from __future__ import annotations
@@ -97,7 +96,7 @@ def read(
         ("stamp [ms]"); found by its name unless given
     rate : sampling rate [Hz], instead of a column of time
     unit : unit of positions or joints that state none, for example "mm" or "deg"
-    drop_missing : whether rows in which something was not measured are left out, instead of refused
+    drop_missing : whether rows with missing measurements are left out, instead of refused
 
     Returns
     -------
@@ -106,7 +105,7 @@ def read(
     Raises
     ------
     DemonstrationError
-        If the file cannot be read with these options; names row, column and what to do, with the command.
+        If the file cannot be read with these options; names row, column and remedy, with the command.
     OptionError
         If an option is out of range, or contradicts the file.
 
@@ -130,7 +129,7 @@ def read(
 
 
 def names(path: str | os.PathLike[str], **options: Any) -> tuple[str, ...]:
-    """Return the names of the bodies that `read` finds with the same options; the numbers are not read."""
+    """Return the names of the bodies that `read` finds. Options are the same; numbers are not read."""
     path = existing_file(Path(path), MAX_BYTES, TOO_LONG)
     with telling(path):
         check_length(path)
@@ -138,7 +137,7 @@ def names(path: str | os.PathLike[str], **options: Any) -> tuple[str, ...]:
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file is a text with a table of numbers, whatever its suffix."""
+    """Return whether a file of any suffix is a table of numbers."""
     try:
         with telling(path):
             return bool(layout_of(existing_file(path, MAX_BYTES, TOO_LONG)).sample)
@@ -266,7 +265,7 @@ class _Table:
         return found
 
     def _with_unit(self, body: Body) -> Body:
-        """Return a body whose joints are positions, if the user states a unit of length for columns without one."""
+        """Return a body, its unitless joints as positions if lengths are stated."""
         unit = self.request.unit
         if unit is None:
             return body
@@ -294,7 +293,7 @@ class _Table:
     # Time.
 
     def clock(self) -> Clock:
-        """Return where time comes from."""
+        """Return the source of time."""
         request, layout = self.request, self.layout
         if request.rate is not None:
             return Clock(rate=float(request.rate), words=f"time at {request.rate:g} samples a second")
@@ -391,7 +390,7 @@ class _Table:
         return found
 
     def _warn_of_restarts(self) -> None:
-        """Warn if the rows are counted from the begin several times, as where a table holds several recordings."""
+        """Warn if row counts restart, as where tables hold several recordings."""
         rows = tried(self.layout)
         for column in self.columns:
             if column.kind is not Kind.INDEX or not column.name or "sub" in words_of(column.name):
@@ -408,7 +407,7 @@ class _Table:
                 return
 
     def _left_out(self, body: Body) -> str:
-        """Return which numbers beside joints, or which joints beside a position, were left out, in words."""
+        """Return in words which numbers beside joints or positions are left out."""
         passed = (Kind.TIME, Kind.INDEX) if body.joints else set(Kind) - {Kind.JOINT, Kind.GRIPPER}
         left = [
             column
@@ -483,7 +482,7 @@ class _Table:
         )
 
     def _with_ranges(self, columns: Sequence[Column]) -> str:
-        """Return the names of columns, each with the range of its numbers in many rows."""
+        """Return columns' names, each with its range in many rows."""
         rows = tried(self.layout)
         said = []
         for column in columns[:SHOWN]:
@@ -494,7 +493,7 @@ class _Table:
         return listed(said + [column.name for column in columns[SHOWN:]], SHOWN)
 
     def _coordinates(self, columns: Sequence[Column], is_timed: bool) -> list[Column]:
-        """Return columns without names: none that counts nothing in front of the others, and none of speeds."""
+        """Return unnamed columns that may be coordinates. Leading counters and speeds are left out."""
         layout, rows = self.layout, tried(self.layout)
         stamps = numbers_of([row[0] for row in rows]) if is_timed else np.zeros(0)
         seen: list[Array] = []
@@ -511,7 +510,7 @@ class _Table:
         return kept or list(columns)
 
     def _may_be_anything(self, column: Column) -> bool:
-        """Return whether nothing says what a column holds; speeds and forces are known, though not read."""
+        """Return whether a column's meaning is unknown."""
         return bool(column.axis) or column.kind is Kind.INDEX or not self.layout.header.names
 
     def _is_whole(self, number: int) -> bool:
@@ -576,7 +575,7 @@ class _Table:
 
 
 def _main_bodies(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, ...]:
-    """Return columns among which only rigid bodies and bones count, if there are any, and not the markers on them."""
+    """Return columns of rigid bodies and bones, if any, without their markers."""
     types = [text.strip().lower() for text in layout.header.types]
     if not {"rigid body", "bone"} & set(types):
         return columns
