@@ -6,12 +6,6 @@ refuses duplicate keys, tags, several documents and deep nesting before anything
 (``*name``) repeat from an earlier anchor (``&name``), also by the merge key (``<<: *name``), are copied, up to a
 total of `MAX_REPEATED` values. Plain values are read as people write them:
 
-YAML as Python's libraries load it lets duplicate keys pass (the last wins), reads ``1e3`` as text,
-``010`` as 8, ``12:30:00`` as 45000 and ``no`` as False, and follows aliases until memory is exhausted. This
-reader works on the parser's events: it refuses duplicate keys, tags, several documents and deep nesting before
-anything is built. What aliases (``*name``) repeat of an anchor (``&name``) before them, also by the merge key
-(``<<: *name``), is copied, up to a total of `MAX_REPEATED` values. Plain values are read as people write them:
-
 ============================  =======================================================
 written                       read as
 ============================  =======================================================
