@@ -118,7 +118,7 @@ def require_approach(present: Path | None, approach: bool) -> None:
 
 
 def present_in(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
-    """Return the start joints of the approach, from a file or the folder."""
+    """Return the approach's start joints, from the file or the folder."""
     from comove.robots.present import read_present, stored_present
 
     return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)

@@ -190,8 +190,7 @@ class Reading:
 
 
 def picture_target(out: Path, picture: Path | None) -> Path | None:
-    """Return the path of a primitive's picture. It is `picture`, or a path beside the primitive's file at which no
-    other picture is."""
+    """Return a primitive's picture path, None where another picture is."""
     from comove.cli.options import check_picture
 
     if picture is not None:

@@ -102,8 +102,7 @@ def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress]
 
 @contextmanager
 def _progress_line() -> Iterator[Callable[[Any], None]]:
-    """Yield a callback that shows progress on one terminal line. It shows rate and time left; without a terminal,
-    nothing."""
+    """Yield a callback that shows progress on one terminal line."""
     if not sys.stderr.isatty():
         yield lambda progress: None
         return

@@ -93,8 +93,7 @@ def require_hold(scene: Scene, still: float = 0.1) -> None:
 
 
 def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches: Sequence[Array]) -> None:
-    """Refuse an end at which the robot cannot hold the payload. All combinations of the arms' inverse-kinematics
-    solutions are tried."""
+    """Refuse an end at which no inverse-kinematics solutions hold the payload."""
     robot, scene = carrier.robot, carrier.scene
     contents = json.loads(canonical(scene.file))
     for hand in contents["manipulators"]:

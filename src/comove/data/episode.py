@@ -114,8 +114,7 @@ def sample_times(scene: Scene, rate: int) -> NDArray[np.float64]:
 
 
 def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:
-    """Return a motion for the run database. It holds the scene, the curve without samples, and the path of its
-    centre."""
+    """Return a motion for the run database, with its centre's path."""
     arrays = motion_arrays(motion)
     return StoredMotion(
         key,

@@ -273,8 +273,7 @@ class Study:
         return described | (self._described_robot() if self.on_robot else {})
 
     def _described_robot(self) -> dict[str, Any]:
-        """Return the further data that determine a robot's episodes. They are the robots' checksums, and the
-        settings of simulation and cameras."""
+        """Return the further data that determine a robot's episodes."""
         from comove.data.carried import robot_named
 
         simulate, cameras = self.file.simulate, self.file.cameras

@@ -288,8 +288,7 @@ def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...]
 
 @dataclass(frozen=True)
 class Merged:
-    """Counts of a merged study. They are the runs that ended, all runs, and those with different motions in
-    different parts."""
+    """Counts of a merged study's ended, planned and contradictory runs."""
 
     ended: int
     total: int

@@ -203,8 +203,7 @@ def _any_path(target: Path) -> Path:
 
 
 def _made(path: Path) -> int | None:
-    """Make a draft and return its lock. Return None if it exists already, or another process removed it as
-    abandoned."""
+    """Make a draft and return its lock, or None if impossible."""
     try:
         path.mkdir()
     except FileExistsError:

@@ -124,8 +124,7 @@ def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> Sce
 
 
 def place(path: KeyPath, lines: Mapping[KeyPath, int]) -> str | None:
-    """Return a key path and its line as text. If its line is unknown, the line is that of the nearest enclosing
-    key."""
+    """Return a key path and the nearest known line as text."""
     known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in lines), None)
     line = "" if known is None else f" (line {lines[known]})"
     return f"{_dotted(path)}{line}" or None
@@ -154,8 +153,7 @@ def explained(error: ValidationError, data: Any, contract: Contract) -> list[Fla
 
 
 def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
-    """Return an error's location as a key path that exists. Union tags of pydantic and keys missing in the data are
-    left out."""
+    """Return an error's location as a key path in the data."""
     family = contract.families.get(location[0]) if location else None
     if family:
         location = location[: family.depth] + location[family.depth + 1 :]
@@ -186,8 +184,7 @@ def _family_at(path: KeyPath, contract: Contract) -> Family | None:
 
 
 def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
-    """Return the model of the mapping at `path`. The path may lead through lists, mappings by name and optional
-    parts."""
+    """Return the model of the mapping at `path`."""
     found: Any = root
     for part in path:
         if isinstance(found, type) and issubclass(found, BaseModel):
@@ -342,8 +339,7 @@ def at_least(count: int, what: str) -> AfterValidator:
 
 
 def at_most(count: int, what: str) -> AfterValidator:
-    """Return a validator that refuses lists of more than `count` entries. Longer ones would take too long to
-    solve."""
+    """Return a validator that refuses lists of more than `count` entries."""
 
     def check(items: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(items) > count:
@@ -422,8 +418,7 @@ def _leaves(path: KeyPath, value: Any, mark: str, has: bool) -> Iterator[tuple[K
 
 
 def scaled(part: Part, factor: float) -> dict[str, Any]:
-    """Return a part as plain data with scaled lengths. Every number that grows with lengths is multiplied by
-    `factor`."""
+    """Return a part as plain data with lengths scaled by `factor`."""
 
     def times(value: Any, grows: bool) -> Any:
         if isinstance(value, Part):
@@ -443,7 +438,6 @@ def _marks_of(kind: type[Part]) -> dict[str, set[str]]:
 
 
 def _marks(*annotations: Any) -> set[str]:
-    """Return the marks of types, including those within unions and containers. Marks within models are not
-    included."""
+    """Return the marks of types and their arguments, without models."""
     marks = {mark for mark in annotations if mark in (SCALES, VECTOR, HAND)}
     return marks.union(*(_marks(*get_args(one)) for one in annotations if get_args(one)))

@@ -235,8 +235,7 @@ class _Builder:
     def _merged(
         self, key: yaml.Event, events: Iterator[yaml.Event], path: tuple[str | int, ...]
     ) -> dict[str, Any]:
-        """Read the value of a merge key. It is a mapping or a list of mappings, of which the first takes
-        precedence."""
+        """Read a merge key's mappings, of which the first takes precedence."""
         lines, self.lines = self.lines, {}
         value = self.node(next(events), events, path)
         lines, self.lines = self.lines, lines

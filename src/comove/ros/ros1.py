@@ -192,8 +192,7 @@ class Ros1Client:
         return event
 
     def _awaited(self, kinds: tuple[str, ...], timeout: float) -> dict[str, Any] | None:
-        """Return the first event of some kinds, or of the end. Events before it update the state; None is returned
-        at timeout."""
+        """Return the first event of some kinds or the end, or None."""
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
             for event in self._news(left):

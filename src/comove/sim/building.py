@@ -122,8 +122,7 @@ def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
 
 
 def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
-    """Exclude contact of the payload with the end effectors holding it. These are all bodies that the arms' last
-    joints move."""
+    """Exclude contact of the payload with the end effectors holding it."""
     for arm in holding:
         for body in below(spec.joint(robot.joint_names[arm.columns[-1]]).parent):
             if body.geoms:

@@ -182,8 +182,7 @@ def broken(data: Any) -> bool:
 def _push(
     world: SimulatedWorld, motion: JointMotion, perturbation: Perturbation, time: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the force of a push and its mask of samples. They are arrays of shape (3,) [N], and of bool, shape
-    (n_steps,)."""
+    """Return the force of a push [N], and its mask of samples."""
     push = perturbation.push
     if push is None or world.load is None:
         return np.zeros(3), np.zeros(len(time), dtype=bool)

@@ -161,8 +161,7 @@ class Execution:
 
     @cached_property
     def slip(self) -> Array:
-        """Return the slip of each holder on the payload [m]. It counts from time 0; array, shape (n_steps,
-        n_holders)."""
+        """Return each holder's slip since 0 s [m]; shape (n_steps, n_holders)."""
         in_load = np.linalg.inv(self.held)[..., :3, 3]
         return np.linalg.norm(in_load - in_load[:1], axis=-1)
 
@@ -173,8 +172,7 @@ class Execution:
 
     @cached_property
     def squeeze(self) -> Array:
-        """Return the internal forces between end effectors, positive where they press [N]. Array, shape (n_steps,
-        n_pairs)."""
+        """Return squeezes of end effectors [N]; array, shape (n_steps, n_pairs)."""
         return squeezes(self.wrench, self._arms)
 
     @cached_property

@@ -236,8 +236,7 @@ def _distance_errors(hands: Array) -> float:
 
 
 def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float]:
-    """Return the largest shares of joint limits, and least margin [rad]. The shares are of speed and of
-    acceleration."""
+    """Return the largest joint-limit shares, and the least margin [rad]."""
     robot, rates = record.robot, np.diff(commanded, axis=0) / record.period
     bends, off = np.diff(rates, axis=0) / record.period, np.array(record.driven_off)
     went = off[1:] | off[:-1]  # where it was, not where it was commanded to

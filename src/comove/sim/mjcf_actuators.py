@@ -143,8 +143,7 @@ def _inputs(mj: Any, model: Any, actuator: int) -> tuple[float, float] | None:
 
 
 def _commands(mj: Any, model: Any, actuator: int) -> tuple[float, tuple[float, float]]:
-    """Return a servo's largest commanded speed, and range of positions. They are infinite where nothing limits
-    them."""
+    """Return a servo's largest commanded speed, and range of positions."""
     inputs, law, speed, positions = _inputs(mj, model, actuator), _law(mj, model, actuator), inf, EVERYWHERE
     if law is None:
         return speed, positions

@@ -282,8 +282,7 @@ def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> Non
 
 
 def _seen(execution: Filmed, world: SimulatedWorld, data: Any) -> Array:
-    """Return the points that a picture must show. They are all end effectors and payloads, obstacles, and the robot
-    at the start."""
+    """Return the points that a picture must show."""
     model = world.model
     moving = [g for g in range(model.ngeom) if model.geom_group[g] in DRAWN_GROUPS and model.geom_bodyid[g]]
     hands = execution.hands[..., :3, 3].reshape(-1, 3)

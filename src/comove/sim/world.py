@@ -242,8 +242,7 @@ def lower_floor(world: SimulatedWorld, data: Any, planned: Array) -> None:
 
 
 def _lowest(model: Any, data: Any, geom: int) -> float:
-    """Compute the height of a shape's lowest point [m]. It uses a mesh's vertices, or a box around any other
-    shape."""
+    """Compute the height of a shape's (or its box's) lowest point [m]."""
     down, mesh = data.geom_xmat[geom, 6:], model.geom_dataid[geom]
     if mesh >= 0:
         first = model.mesh_vertadr[mesh]

@@ -262,8 +262,7 @@ def _videos(
 def _verified(
     motion: CoordinatedMotion, run: StudyRun, file: Path, study: Study | None = None
 ) -> VerifiedMotion:
-    """Verify the motion of an episode again, and compare its checksums. They must be those of its row and of its
-    study."""
+    """Verify an episode's motion again, and check its checksums."""
     verdict = verify(motion)
     if verdict.verified is None:
         raise ResultError(

@@ -325,8 +325,7 @@ class MovingBorders:
         self._opacity = 1.0 if scene.n_dims == 2 else 0.35
 
     def at(self, table: Array) -> list[Array]:
-        """Return the borders of moving obstacles by a table of their poses. They are arrays of shape (n_points,
-        2)."""
+        """Return the borders of moving obstacles, shape (n_points, 2), by poses."""
         scene, center = self._scene, [CENTER + axis for axis in self._view]
         turns = scene.turning[scene.owners]
         return [
@@ -365,15 +364,13 @@ def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
 
 
 def _excesses(scene: Scene, nodes: Array) -> Array:
-    """Return the largest excess of a distance over its tolerance [m]. Array, shape (n_states,); negative where all
-    are within theirs."""
+    """Return states' largest excess of a distance over its tolerance [m]."""
     found = [c.error(nodes, scene.n_dims) - c.tolerance for c in scene.distances]
     return np.max(found, axis=0) if found else np.zeros(len(nodes))
 
 
 def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int], n_states: int = 801) -> None:
-    """Draw the payload at deepest penetration and largest distance error. Of the motion, `n_states` states are
-    checked."""
+    """Draw the payload at deepest penetration and largest distance error."""
     scene, s = motion.scene, np.linspace(0.0, 1.0, n_states)
     nodes = motion.coordinates.motion(motion.at(s))[0]
     depths = -scene.clearances(nodes, s * scene.duration)
@@ -411,8 +408,7 @@ def _show_whole(axes: Axes, ways: Array, wider: float = 0.5) -> None:
 
 
 def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> None:
-    """Draw the payload's edges or solids' outlines at every state. `nodes` is an array of shape (n_states, n_nodes,
-    2)."""
+    """Draw the payload at states of shape (n_states, n_nodes, 2)."""
     solids = scene.body.solids
     bars = load_pairs(scene)
     outlines = [hull_outline(state[corners]) for state in nodes for corners in solids]

@@ -1,5 +1,4 @@
-"""Picture of the steps from demonstration to verified motion. It is the paper's Figure 1, each step with its own
-data."""
+"""Picture of the steps to a verified motion (the paper's Figure 1)."""
 
 from __future__ import annotations
 

@@ -23,8 +23,7 @@ OF_ARMS = ("#8e44ad", "#d68910", "#16a085", "#7f8c8d")  # none of them the colou
 
 
 def draw_joints(joints: Joints, *, title: str = "") -> Figure:
-    """Draw positions, speeds and accelerations of every arm's joints. Positions are drawn between their limits, the
-    others as shares of theirs."""
+    """Draw joint positions, speeds and accelerations relative to their limits."""
     rows = (
         ("position in its range", 2 * (joints.position - joints.lower) / (joints.upper - joints.lower) - 1),
         ("share of speed", joints.velocity / joints.velocity_limit),

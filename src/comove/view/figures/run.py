@@ -21,8 +21,7 @@ from comove.view.figures.style import COLOURS, GOAL, Mover, draw_way, new_figure
 
 
 def draw_run(record: Record, *, n_states: int = 13) -> Figure:
-    """Draw an execution at equal steps, later ones darker. Paths of the end effectors, the payload and the obstacles
-    are shown."""
+    """Draw an execution's paths, payload and obstacles at equal steps."""
     scene, views = record.scene, views_of(record.scene)
     figure = new_figure(5.4 * len(views) + 0.4, 6.2)
     for i, view in enumerate(views):

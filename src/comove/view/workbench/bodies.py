@@ -207,8 +207,7 @@ def _triangles(geometry: ET.Element | None, file: Path) -> Iterator[tuple[Array,
 
 
 def _mesh(named: str, file: Path) -> Iterator[tuple[Array, Colour | None]]:
-    """Yield the parts of a mesh by colour. Without readable colours, it is one piece; an unreadable mesh yields
-    none."""
+    """Yield a mesh by colour, in one piece if colours are unreadable."""
     from comove.robots.urdf import resolve
     from comove.sim.meshes import as_obj, coloured_parts
 

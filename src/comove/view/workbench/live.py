@@ -177,8 +177,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class LiveRun:
-    """Completed run: its record, the executor's log, and the final blocker. The record's scene holds the motions of
-    dragged obstacles."""
+    """Completed run: its record, the executor's log, and the final blocker."""
 
     record: Record
     log: ExecutionLog

@@ -64,8 +64,7 @@ def show(thing: Any, beside: Any = None) -> None:
 
 
 def framed(page: str, height: int = 480) -> str:
-    """Return a page as a sandboxed part of another one. `height` is in pixels; scripts of the page cannot act on the
-    other one."""
+    """Return a page as a sandboxed frame, `height` pixels high."""
     return (
         f'<iframe title="comove" sandbox="allow-scripts" srcdoc="{html.escape(page)}" width="100%" '
         f'height="{height}" style="border:1px solid #ccc"></iframe>'
@@ -153,8 +152,7 @@ def _caption(playback: Playback, place: str) -> str:
 
 
 def _captioned(page: str, *captions: str) -> str:
-    """Return the viewer's page with captions, title and content policy. The title is that of the first caption; the
-    policy forbids loading."""
+    """Return the viewer's page with captions, title and content policy."""
     title = captions[0].partition("<b>")[2].partition("</b>")[0]
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)

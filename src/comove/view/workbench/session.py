@@ -346,8 +346,7 @@ class Session:
     # --- teaching ---
 
     def _draw(self, _: Any) -> None:
-        """Start drawing a demonstration, on a sheet or by arrows. The sheet is above the plane, the arrows are for
-        space."""
+        """Start drawing a demonstration, on a sheet or by arrows."""
         self._put_down()
         stroke = Stroke(self.scene.n_dims)
         self.panels.taught.content = "**Draw now**, in one go, from the start to the goal."
@@ -403,8 +402,7 @@ class Session:
         self.commit(replace(self.history.now, taught=None))
 
     def _keep(self, _: Any) -> None:
-        """Learn a primitive from the demonstration, and add it to the library. The library is that of the starting
-        folder."""
+        """Learn a primitive from the demonstration, and add it to the library."""
         draft, name = self.history.now, self.panels.controls["movement"].value
         if draft.taught is None:
             self.panels.taught.content = "Show a movement first."
@@ -614,8 +612,7 @@ class Session:
         self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
     def _tightest_words(self, recording: RecordedMotion) -> str:
-        """Return where the clearance is least, in words. Its value is in the table above and in the plot of
-        samples."""
+        """Return where and when the clearance is least, in words."""
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])
         if not np.isfinite(recording.clearance[recording.index_at(at)]):
             return ""

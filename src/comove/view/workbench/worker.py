@@ -88,8 +88,7 @@ class RunMailbox(Mailbox):
         super().put(message)
 
     def leads(self) -> dict[int, Any]:
-        """Return the new positions of dragged obstacles since the last call. They are keyed by the obstacles'
-        numbers."""
+        """Return the new positions of dragged obstacles since the last call."""
         with self._changed:
             leads, self._leads = self._leads, {}
             return leads
