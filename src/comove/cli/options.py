@@ -301,7 +301,7 @@ def _plane_of(scene: Scene) -> str | None:
 def from_library(
     library: Library, scene: Scene, method: Method, seed: int, budget: float
 ) -> tuple[str, DMP | ProMP]:
-    """Return the name and the movement that a library offers a scene.
+    """Return a description and the movement that a library offers.
 
     The paper's pipeline (III) combines several movements for one end effector in the environment, after [6], and
     gives the result to all end effectors; the paper's methods get this movement. Other methods get the most suitable

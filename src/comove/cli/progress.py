@@ -16,8 +16,7 @@ _waited = 0.0  # s, for warm-ups
 
 
 def time_spent() -> float:
-    """Return the process time [s] without compiling and loading of kernels. It is wall-clock time since this process
-    started."""
+    """Return the time since process start [s], without compilation of kernels."""
     from comove.compiled.counting import IN_ALL
 
     return since_process_start() - IN_ALL.seconds - _waited

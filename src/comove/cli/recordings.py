@@ -190,7 +190,7 @@ class Reading:
 
 
 def picture_target(out: Path, picture: Path | None) -> Path | None:
-    """Return a primitive's picture path, None where another picture is."""
+    """Return `picture`, else a path beside `out`; None over other pictures."""
     from comove.cli.options import check_picture
 
     if picture is not None:

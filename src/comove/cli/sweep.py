@@ -16,6 +16,7 @@ class _RunByDefault(TyperGroup):
     """Group of verbs that runs `run` for any other word."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Insert the verb `run` before other words."""
         if args and args[0] not in self.commands and args[0] != "--help":
             args = ["run", *args]
         return super().parse_args(ctx, args)

@@ -261,6 +261,7 @@ class Store(Generic[RunT, WriterT]):
                 yield self._run(row)
 
     def _run(self, row: tuple) -> RunT:
+        """Build a run from its row, whose types are checked."""
         try:
             for (name, kind), value in zip(self.KINDS.items(), row, strict=True):
                 if type(value) not in _KINDS[kind][2]:

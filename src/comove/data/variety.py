@@ -72,7 +72,7 @@ def variety(paths: Array, classes: Mapping[str, int]) -> Variety:
     straight = paths[:, :1] + np.linspace(0.0, 1.0, paths.shape[1])[:, None] * (paths[:, -1:] - paths[:, :1])
 
     def mean(values: Array) -> float:
-        """Return the mean RMS distance of pairs."""
+        """Return pairs' mean RMS distance in (n_episodes, n_steps, n_dims) values."""
         apart = ((values[first] - values[second]) ** 2).sum(axis=2).mean(axis=1)
         return float(np.sqrt(apart).mean()) if len(first) else 0.0
 

@@ -145,7 +145,7 @@ def finish(target: Path) -> bool:
 
 
 def steadily(folder: Path, read: Callable[[], T]) -> T:
-    """Read a folder again until it was not replaced during reading."""
+    """Return `read()` of a folder, repeated while the folder is replaced."""
     for _ in range(_ATTEMPTS):
         before = _identity(folder)
         try:
@@ -203,7 +203,7 @@ def _any_path(target: Path) -> Path:
 
 
 def _made(path: Path) -> int | None:
-    """Make a draft and return its lock, or None if impossible."""
+    """Make a draft; return its lock, or None after a collision."""
     try:
         path.mkdir()
     except FileExistsError:

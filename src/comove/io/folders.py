@@ -138,7 +138,7 @@ def _resolved(folder: str | Path, error: type[InputError]) -> Path:
 
 
 def listed_inputs(folder: Path) -> dict[str, Any]:
-    """Return the content of a folder's input list, or {}."""
+    """Return the content of a folder's input list; empty if unreadable."""
     try:
         if (folder / LIST).stat().st_size > LIST_BYTES:
             return {}

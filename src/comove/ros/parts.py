@@ -182,9 +182,8 @@ def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
 
 
 def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, float]:
-    """Compute the interpolation errors of end effectors at a sampling rate.
-
-    The samples are joined by a cubic spline or by straight lines.
+    """Compute the interpolation errors of end effectors at `rate` [Hz]. The samples are joined by a cubic spline or
+    by straight lines.
 
     Returns
     -------

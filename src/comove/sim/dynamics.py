@@ -288,7 +288,7 @@ class _Log:
         return hand
 
     def forget_broken(self) -> None:
-        """Drop all samples from the first non-finite one, except one."""
+        """Drop all samples from the first non-finite one; keep at least one."""
         broken = ~np.isfinite(self.hands[: self.count]).all(axis=(1, 2, 3))
         broken |= ~np.isfinite(self.joints[: self.count]).all(axis=1)
         if self.world.load is not None:

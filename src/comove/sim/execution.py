@@ -172,7 +172,7 @@ class Execution:
 
     @cached_property
     def squeeze(self) -> Array:
-        """Return squeezes of end effectors [N]; array, shape (n_steps, n_pairs)."""
+        """Return squeezes [N], positive where end effectors press; shape (n_steps, n_pairs)."""
         return squeezes(self.wrench, self._arms)
 
     @cached_property

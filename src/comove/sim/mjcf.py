@@ -292,7 +292,7 @@ class _Writer:
             ET.SubElement(element, "mimic", joint=other, multiplier=repr(multiplier), offset=repr(offset))
 
     def _range(self, joint: int, name: str) -> tuple[float, float]:
-        """Return a joint's positions within its range and servo commands."""
+        """Return a joint's range within its servo commands, infinite if unlimited."""
         model, drive = self.model, self.drives[joint]
         lower, upper = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-np.inf, np.inf)
         told = max(lower, drive.lower), min(upper, drive.upper)

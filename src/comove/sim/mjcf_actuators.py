@@ -133,7 +133,7 @@ def _law(mj: Any, model: Any, actuator: int) -> tuple[float, float, float, float
 
 
 def _inputs(mj: Any, model: Any, actuator: int) -> tuple[float, float] | None:
-    """Return the range of an actuator's control or activation, if any."""
+    """Return the range of an actuator's control or activation, or None."""
     kinds, kind = mj.mjtDyn, model.actuator_dyntype[actuator]
     if is_one_of(kind, kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT):
         limited, ends = model.actuator_ctrllimited[actuator], model.actuator_ctrlrange[actuator]
@@ -143,7 +143,7 @@ def _inputs(mj: Any, model: Any, actuator: int) -> tuple[float, float] | None:
 
 
 def _commands(mj: Any, model: Any, actuator: int) -> tuple[float, tuple[float, float]]:
-    """Return a servo's largest commanded speed, and range of positions."""
+    """Return a servo's largest commanded speed and positions, infinite if unlimited."""
     inputs, law, speed, positions = _inputs(mj, model, actuator), _law(mj, model, actuator), inf, EVERYWHERE
     if law is None:
         return speed, positions

@@ -114,7 +114,7 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
 
 @kernel
 def _near(nodes: Array, edges: Integers, radii: Array, table: Array, cutoff: float) -> tuple[Array, int]:
-    """Find the nearest points and ends of edges near obstacles [m].
+    """Find points and ends of edges within `cutoff` [m] of obstacles.
 
     Returns
     -------

@@ -244,7 +244,7 @@ class Controller:
         return {}
 
     def _fastest(self, reference: Array) -> float:
-        """Return an upper bound of the approach speed of obstacles [m/s]."""
+        """Return an upper bound of end effectors' and obstacles' approach speed [m/s]."""
         scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
         time = np.linspace(0.0, scene.duration, len(reference))
         tips = np.linalg.norm(scene.spins, axis=1) * scene.reaches

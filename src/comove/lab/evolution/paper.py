@@ -147,7 +147,7 @@ class Paper(Method):
     def _improved(
         self, search: Search, objective: Objective, dmp: CoordinatedDMP
     ) -> CoordinatedMotion | None:
-        """Run the optimiser once; return the best motion within the band."""
+        """Run the optimiser once; return the best in-band motion, or None."""
         scene, shape = search.scene, dmp.weights.shape
         first = self._errors(dmp, dmp.weights[None])
         widest = max(1.5 * first.max(), self._reach(search, dmp))

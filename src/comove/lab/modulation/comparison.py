@@ -141,12 +141,12 @@ class Compared:
 
     @property
     def off(self) -> NDArray[np.bool_]:
-        """Return at which steps a distance exceeds the largest tolerance."""
+        """Return the steps with excessive distance errors; bool, shape (n_steps,)."""
         return self.distance_errors > self.tolerance
 
     @property
     def touching(self) -> NDArray[np.bool_]:
-        """Return at which steps payload or end effectors penetrate obstacles."""
+        """Return the steps with penetration of obstacles; bool, shape (n_steps,)."""
         return self.clearances < 0.0
 
 

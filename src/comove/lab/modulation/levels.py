@@ -36,8 +36,8 @@ HUGE = 1e150  # beyond it a level says no more than "far", and its square still 
 
 @kernel
 def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float, float, float, float, float]:
-    """Return an obstacle's level at a point, and its gradient. The gradient is given by its length [1/m] and its
-    direction (3). At the very centre, where there is no gradient, the length is 0 and the direction along x."""
+    """Return the level of obstacle `j` at a point, and its gradient. The gradient is given by its length [1/m] and
+    its direction (3). At the very centre, where there is no gradient, the length is 0 and the direction along x."""
     if table[j, KIND] >= ELLIPSOID:
         level, slope, nx, ny, nz = _algebraic(table, j, x, y, z)
     else:

@@ -138,7 +138,7 @@ class Capsule(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """Cylinder along its own z, in space only [m]. A margin rounds its edges."""
+    """Cylinder of `radius` and `height` [m] along its own z. It is for space only; a margin rounds its edges."""
 
     radius: float
     height: float

@@ -153,7 +153,7 @@ def transport(passage: Passage) -> Transport:
 
 
 def _picture(execution: Execution, count: int = 5, width: int = 340) -> bytes:
-    """Return a PNG of instants in two views, empty without drawing."""
+    """Return a PNG of instants in two views, `width` pixels each. It is empty if nothing can be drawn."""
     from comove.sim import ABOVE, FRONT, draw_sheet
 
     with tempfile.TemporaryDirectory() as folder:

@@ -126,7 +126,7 @@ def squared_jerk(motion: CoordinatedMotion) -> float:
 
 
 def largest_turn(motion: CoordinatedMotion) -> float:
-    """Return the largest turn of the line between end effectors [rad]."""
+    """Return the largest turn of the line between end effectors [rad]. It is 0 for a single one."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_ALONG))[0]
     if hands.shape[1] < 2:
         return 0.0

@@ -378,7 +378,7 @@ class Coupled(Peer):
     modules = ("movement_primitives.dmp",)
 
     def refuses(self, scene: Scene) -> str:
-        """Return why the coupling does not suit the scene, if so."""
+        """Return why the coupling does not suit the scene; empty if it does."""
         if len(scene.manipulators) != 2 or len(scene.distances) != 1:
             return "It couples two hands by one distance."
         return super().refuses(scene)

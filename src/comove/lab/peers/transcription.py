@@ -131,7 +131,8 @@ class Transcription(Peer):
         return programme, y
 
     def _clearance(self, scene: Scene) -> Any:
-        """Return smooth lower bounds of a configuration's obstacle distances [m]."""
+        """Return smooth lower bounds of obstacle distances [m]. They are a function of a configuration, (n_hands *
+        n_dims,)."""
         casadi = needed("casadi")
         x = casadi.SX.sym("x", scene.start.size)
         hands = [x[i * scene.n_dims : (i + 1) * scene.n_dims] for i in range(len(scene.start))]

@@ -364,7 +364,7 @@ def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
 
 
 def _excesses(scene: Scene, nodes: Array) -> Array:
-    """Return states' largest excess of a distance over its tolerance [m]."""
+    """Return states' largest distance error minus its tolerance [m]."""
     found = [c.error(nodes, scene.n_dims) - c.tolerance for c in scene.distances]
     return np.max(found, axis=0) if found else np.zeros(len(nodes))
 

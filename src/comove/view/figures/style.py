@@ -37,7 +37,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 110) -> None:
-    """Write a figure in the format of the path's suffix."""
+    """Write a figure as the path's suffix says, a PNG by `png`."""
     if Path(path).suffix != ".png":
         figure.savefig(path, dpi=dpi)
         return
