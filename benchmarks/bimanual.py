@@ -1,14 +1,14 @@
-"""The compared systems [7] and [8] in the situations that they were made for.
+"""Compared systems [7] and [8] in the situations of their sources.
 
     python benchmarks/bimanual.py [--humans 10] [--first 100] [--cycles 100] [--epochs 20]
 
-[7], a coupling learned over epochs: two hands on one bar, nothing in the way, each taught another movement (LASA
-handwriting), so that they begin uncoordinated; who leads is varied. Root mean square error of the distance by epoch,
-and how far the middle of the hands is from where each hand's own teacher would have led it, in the mean.
+[7], a coupling learned over epochs: two end effectors on one bar without obstacles, each with another demonstration
+(LASA handwriting), so that they begin uncoordinated; the leader is varied. Root mean square error of the distance by
+epoch, and mean distance of the end effectors' centre from each own demonstration.
 
 [8], stiffness learned with a human: cycles with simulated humans who vary their path everywhere but in the middle
-fifth. Medians over the humans: her force, the deviation, how long a cycle takes, and the stiffness across the path
-where she is precise and where she varies.
+fifth. Medians over the humans: force, deviation, duration of a cycle, and the stiffness across the path where she is
+precise and where she varies.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def coupling(epochs: int) -> None:
-    """Print what the coupling makes of hands that were taught differently."""
+    """Print the results of coupling differently demonstrated end effectors."""
     scene, s = scene_of("open"), np.linspace(0.0, 1.0, 201)
     roles = {
         "left leads": LeaderFollower(epochs=epochs),
@@ -80,7 +80,7 @@ def coupling(epochs: int) -> None:
 
 
 def cooperation(humans: range, cycles: int) -> None:
-    """Print how effort, deviation and stiffness change over the cycles."""
+    """Print effort, deviation and stiffness over the cycles."""
     scene, method = scene_of("open"), SpeedScaled(cycles=cycles)
     objective = Objective(scene, arms_coordinates(scene))
     found = []

@@ -1,9 +1,11 @@
-"""What one cloud of points costs: thinning, following and covering it, and asking for the spheres.
+"""Processor time of one cloud of points by step.
+
+The steps are thinning, tracking, covering, and querying the spheres.
 
     python benchmarks/clouds.py
     python benchmarks/clouds.py --points 100000
 
-Ten balls or discs move through the workspace; times are of the processor, so that others on the machine do not count.
+Ten balls or discs move through the workspace.
 """
 
 from __future__ import annotations
@@ -23,13 +25,13 @@ N_BODIES, PERIOD = 10, 0.05  # s
 
 
 def empty_scene(n_dims: int) -> Scene:
-    """A bar in an empty square or cube."""
+    """Return a bar in an empty square or cube."""
     ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.05, 0.95)]
     return Scene.from_dict(scene_contents("empty", [1.0] * n_dims, [], {"shape": "bar", "length": 0.2}, ends))
 
 
 def main() -> None:
-    """Measure what the command line asks for."""
+    """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--clouds", type=int, default=40)

@@ -1,4 +1,4 @@
-"""Which compiled functions a first run waits for, and how long each takes to compile; or the whole warm-up.
+"""Compilation times of a first run, or of the whole warm-up.
 
 The command runs in this process with an empty cache of kernels; numba's own events tell when the compilation of a
 function for one signature begins and ends. A function's time is without the functions that it calls. A function that
@@ -22,7 +22,8 @@ from timing import print_table
 
 
 def exclusive_times(events) -> dict[str, list[float]]:
-    """Compilation time of every function and signature without the functions it calls [s], by function."""
+    """Return exclusive compilation times by function [s]. Each function has one for every signature; times exclude
+    called functions."""
     times, stack = defaultdict(list), []
     for at, event in events:
         if event.is_start:
@@ -39,7 +40,7 @@ def exclusive_times(events) -> dict[str, list[float]]:
 
 
 def warm_up() -> None:
-    """Do all jobs of the warm-up from an empty cache and print the table."""
+    """Compile the whole warm-up with an empty cache; print the table."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ |= {"NUMBA_CACHE_DIR": folder, "COMOVE_COMPILE_ALONE": "1"}
         from comove.planning.warming import JOBS
@@ -55,7 +56,7 @@ def warm_up() -> None:
 
 
 def kept(folder: str) -> int:
-    """Count the compiled functions that a cache holds."""
+    """Count the compiled functions in a cache."""
     return sum(1 for _ in Path(folder).rglob("*.nbc"))
 
 

@@ -1,4 +1,4 @@
-"""Constrained test problems: bbob-constrained of COCO, and the CEC 2006 problems with equalities; one row a solver.
+"""Constrained test problems of COCO and CEC 2006, one row a solver.
 
 ``bbob`` (54 functions, `--dimension`, `--instances`): share of 51 targets 1e2 .. 1e-8 above the optimum that are
 reached by feasible points within 10^4 n evaluations of the constraints, and of the objective. ``cec2006`` (g03 g05
@@ -6,8 +6,8 @@ g11 g13 g14 g15 g17 g21 g23, equalities within 1e-4, `--seeds`): feasible points
 500,000 evaluations (`--evaluations`); those without equalities are `--functions 1 2 4 6 7 8 9 10 12 16 18 19 24`.
 ``unconstrained``: bbob, one instance, targets 1e2 .. 1e-8 within 10^4 n evaluations.
 
-Everybody begins at COCO's initial solution with step size 1 (in the middle of nowhere with 2 where there are no
-constraints), or at a random point of the box with 0.3 of its width, and restarts until the evaluations are used.
+All solvers begin at COCO's initial solution with step size 1 (with 2 where there are no constraints), or at a random
+point of the box with 0.3 of its width, and restarts until the evaluations are used.
 
 To repeat: ``pip install 'comove[bench]'``, ``python benchmarks/constrained.py bbob [--solvers comove cma] ...``.
 """
@@ -35,18 +35,18 @@ EQUALITIES = 3, 5, 11, 13, 14, 15, 17, 21, 23
 
 
 class Spent(Exception):
-    """The evaluations are used up."""
+    """Signal that the evaluations are used up."""
 
 
 @dataclass
 class Problem:
-    """Objective and constraints of one point, counted; remembers the best feasible value.
+    """Problem of one point, with counted evaluations and its best value.
 
     Attributes
     ----------
     f, h : (n,) -> float, (n,) -> (m,); None without constraints
     equality : number of equalities, which come first
-    x0, sigma0, lower, upper : where to begin and where to look, arrays of shape (n,) or numbers
+    x0, sigma0, lower, upper : initial point, step size and search range, arrays of shape (n,) or numbers
     optimum : best value known
     limit : evaluations
     goal : distance from the optimum at which the search may end
@@ -85,7 +85,7 @@ class Problem:
         return self.value[1]
 
     def _see(self, x: np.ndarray) -> None:
-        """A point whose objective and constraints are both known counts, whichever came first."""
+        """Count a point whose objective and constraints are known."""
         if self.h is not None and not np.array_equal(self.last[0], x):
             values = np.array(self.h(x))  # judged, not counted
         else:
@@ -230,7 +230,7 @@ for _name in ("CCMAES", "EpsilonLevel", "Penalty"):
 
 
 def solved(job: tuple) -> dict:
-    """One solver on one problem."""
+    """Run one solver on one problem."""
     solver, make, arguments, seed = job
     warnings.simplefilter("ignore")
     problem = make(*arguments)
@@ -287,7 +287,7 @@ def main() -> None:
 
 
 def print_table(options: argparse.Namespace, rows: list[dict]) -> None:
-    """Means a solver; then what was solved, problem by problem."""
+    """Print means by solver, then the solved problems."""
     position = 0 if options.suite == "cec2006" else 1
     print(f"{'solver':22} {'share':>6} {'solved':>8} {'seconds':>8}")
     for solver in options.solvers:

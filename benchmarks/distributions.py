@@ -1,4 +1,4 @@
-"""How well distributions tell the next recording, and what they bring to motions, in one run.
+"""Predictive quality of distributions, and their effect on motions.
 
 - likelihood: 7 recordings of each LASA shape, every one left out in turn: the log density of its positions at 19
   instants, each by itself, a coordinate; and its Mahalanobis distance squared a coordinate (1 where the spread is
@@ -51,7 +51,7 @@ TUBE = "#7a3e9d"
 
 
 def main() -> None:
-    """Print the tables that are asked for."""
+    """Print the requested tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shapes", type=int, default=30)
     parser.add_argument("--scenes", type=int, default=50)
@@ -77,28 +77,28 @@ def even(demo: Demonstration, s: Array = INSTANTS) -> Array:
 
 
 class Comove:
-    """A distribution of comove."""
+    """Distribution of comove."""
 
     def __init__(self, demos: list[Demonstration]) -> None:
         self.promp = ProMP.fit(demos, n_basis=N_WEIGHTS)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and covariance of what is observed at the instants."""
+        """Return mean and covariance of observations at the instants."""
         t = INSTANTS * self.promp.duration
         return self.promp.mean_at(t), self.promp.covariance_at(t) + np.diag(self.promp.noise**2)
 
     def given(self, at: tuple[int, ...], position: Array) -> Array:
-        """Return the mean at the instants where the positions at some of them are known."""
+        """Return the mean at the instants, given some positions."""
         via = [ViaPoint(INSTANTS[i] * self.promp.duration, position[i]) for i in at]
         return self.promp.condition(*via).mean_at(INSTANTS * self.promp.duration)
 
     def samples(self) -> Array:
-        """Draw 1000 movements."""
+        """Sample 1000 movements."""
         return self.promp.sample_trajectories(np.random.default_rng(0), 1000)
 
 
 class MovementPrimitives:
-    """A distribution of movement_primitives, with its own defaults; its noise is the variance that it learned."""
+    """Distribution of movement_primitives, with its own defaults. Its noise is the learned variance."""
 
     def __init__(self, demos: list[Demonstration]) -> None:
         from movement_primitives.promp import ProMP as Peer
@@ -108,27 +108,27 @@ class MovementPrimitives:
         self.promp.imitate(np.stack([s] * len(demos)), np.stack([even(demo, s) for demo in demos]))
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and covariance of what is observed at the instants."""
+        """Return mean and covariance of observations at the instants."""
         n = len(INSTANTS)
         whole = self.promp.cov_trajectory(INSTANTS).reshape(2, n, 2, n)  # dimension after dimension
         covariance = np.einsum("ctdt->tcd", whole) + self.promp.variance * np.eye(2)
         return self.promp.mean_trajectory(INSTANTS), covariance
 
     def given(self, at: tuple[int, ...], position: Array) -> Array:
-        """Return the mean at the instants where the positions at some of them are known."""
+        """Return the mean at the instants, given some positions."""
         promp = self.promp
         for i in at:
             promp = promp.condition_position(position[i], y_cov=1e-6 * np.eye(2), t=INSTANTS[i], t_max=1.0)
         return promp.mean_trajectory(INSTANTS)
 
     def samples(self) -> Array:
-        """Draw 1000 movements."""
+        """Sample 1000 movements."""
         s = np.linspace(0.0, 1.0, 201)
         return self.promp.sample_trajectories(s, 1000, np.random.RandomState(0))
 
 
 class MPPyTorch:
-    """A distribution of mp-pytorch, with its own defaults."""
+    """Distribution of mp-pytorch, with its own defaults."""
 
     def __init__(self, curves: Array) -> None:
         import torch
@@ -158,20 +158,20 @@ class MPPyTorch:
         self.mp.update_inputs(times=self.torch.as_tensor(s), params=self.mean, params_L=self.root)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and covariance of what is observed at the instants."""
+        """Return mean and covariance of observations at the instants."""
         n = len(INSTANTS)
         self._at(INSTANTS)
         whole = self.mp.get_traj_pos_cov().numpy().reshape(self.n_dims, n, self.n_dims, n)
         return self.mp.get_traj_pos().numpy(), np.einsum("ctdt->tcd", whole)
 
     def samples(self) -> Array:
-        """Draw 1000 movements."""
+        """Sample 1000 movements."""
         self._at(np.linspace(0.0, 1.0, 201))
         return self.mp.sample_trajectories(num_smp=1000)[0].numpy()
 
 
 class SampleMoments:
-    """The sample mean and covariance at every instant; what it is given changes nothing elsewhere."""
+    """Sample mean and covariance at every instant. Known positions change nothing elsewhere."""
 
     def __init__(self, demos: list[Demonstration]) -> None:
         self.curves = np.stack([even(demo) for demo in demos])
@@ -190,7 +190,7 @@ class SampleMoments:
 
 
 def installed(peer: str) -> bool:
-    """Return whether a peer is installed, and say so where it is not."""
+    """Return whether a peer is installed; print a note otherwise."""
     found = importlib.util.find_spec(peer) is not None
     if not found:
         print(f"{peer} is not installed and left out: pip install 'comove[bench]'")
@@ -198,7 +198,7 @@ def installed(peer: str) -> bool:
 
 
 def handwriting(n_shapes: int) -> None:
-    """Compare on recordings that were left out."""
+    """Compare on left-out recordings."""
     kinds: dict[str, Callable[[list[Demonstration]], Any]] = {
         "comove": Comove,
         "sample moments": SampleMoments,
@@ -261,7 +261,7 @@ def _measures(
 
 
 def two_hands(rng: np.random.Generator, n: int = 9) -> list[Array]:
-    """Return recordings of two planar hands, arrays (101, 4): what the left one does aside, the right one follows."""
+    """Return (101, 4) recordings of planar hands, the right following the left."""
     s = np.linspace(0.0, 1.0, 101)
     way = minimum_jerk(s)
     bends = np.stack([np.sin(np.pi * k * way) / k for k in (1, 2, 3)])
@@ -278,7 +278,7 @@ def two_hands(rng: np.random.Generator, n: int = 9) -> list[Array]:
 
 
 class TwoHands:
-    """A distribution of comove of both hands, or of each for itself."""
+    """Distribution of comove of both hands, together or separately."""
 
     def __init__(self, takes: list[Array], together: bool = True) -> None:
         s = np.linspace(0.0, 1.0, len(takes[0]))
@@ -307,7 +307,7 @@ class TwoHands:
         return mean, covariance
 
     def right(self, left: Array) -> Array:
-        """Return the mean of the right hand where the left one is known at three instants."""
+        """Return the right hand's mean, given the left one thrice."""
         if len(self.parts) > 1:
             return self.parts[1].mean_at(INSTANTS)
         via = [ViaPoint(INSTANTS[i], left[i]) for i in GIVEN[1]]
@@ -316,7 +316,7 @@ class TwoHands:
 
 
 class PeerOfTwoHands:
-    """A distribution of movement_primitives in four dimensions."""
+    """Distribution of movement_primitives in four dimensions."""
 
     def __init__(self, takes: list[Array]) -> None:
         from movement_primitives.promp import ProMP as Peer
@@ -333,7 +333,7 @@ class PeerOfTwoHands:
         ) + self.promp.variance * np.eye(4)
 
     def right(self, left: Array) -> Array:
-        """Return the mean of the right hand where the left one is known at three instants."""
+        """Return the right hand's mean, given the left one thrice."""
         promp, unknown = self.promp, np.diag([1e-6, 1e-6, 1e6, 1e6])
         for i in GIVEN[1]:
             promp = promp.condition_position(
@@ -343,7 +343,7 @@ class PeerOfTwoHands:
 
 
 def bimanual(count: int) -> None:
-    """Compare on two hands whose deviations hang together."""
+    """Compare on two hands with correlated deviations."""
     kinds: dict[str, Callable[[list[Array]], Any]] = {
         "comove, both hands": TwoHands,
         "comove, each for itself": lambda takes: TwoHands(takes, together=False),
@@ -378,7 +378,7 @@ def bimanual(count: int) -> None:
 
 
 def recordings(rng: np.random.Generator, n: int = 10) -> list[Demonstration]:
-    """Return movements from left to right that agree but around one instant, where people vary."""
+    """Return movements to the right that vary around one instant only."""
     s = np.linspace(0.0, 1.0, 201)
     way = minimum_jerk(s)
     centre, height = rng.uniform(0.35, 0.65), rng.uniform(-0.3, 0.3)
@@ -393,7 +393,7 @@ def recordings(rng: np.random.Generator, n: int = 10) -> list[Demonstration]:
 
 
 def drawn_scene(rng: np.random.Generator, promp: ProMP) -> comove.Scene:
-    """Return a scene with a circle in the taught way, somewhere in its inner half."""
+    """Return a scene with a circle in the demonstrated path's inner half."""
     at = promp.mean_at([rng.uniform(0.3, 0.7) * promp.duration])[0] + rng.uniform(-0.06, 0.06, 2)
     return comove.Scene.from_dict(
         {
@@ -441,13 +441,13 @@ def scenes(count: int) -> None:
 
 
 def draw_tube(axes: Any, mean: Array, covariance: Array, *, label: str = "") -> None:
-    """Draw the mean of movements in the plane, and two standard deviations on either side of it.
+    """Draw the mean of planar movements, and two standard deviations.
 
     Parameters
     ----------
     mean : array, shape (n_steps, 2) [m]
     covariance : array, shape (n_steps, 2, 2) [m^2]
-    label : what the legend says of the tube
+    label : label of the tube in the legend
     """
     heading = np.gradient(mean, axis=0)
     length = np.linalg.norm(heading, axis=1, keepdims=True)

@@ -1,8 +1,8 @@
-"""Could anybody have dodged? A search for any movement that keeps the limits and touches nothing for a while.
+"""Existence of evasive motions: a search for any contact-free movement.
 
-It goes on from where an execution was at some instant, knows how everything will move, and need not get anywhere. It
-shares nothing with planner and executor: CMA-ES over the load's twist at a few instants, straight in between, judged
-as executions are.
+It continues an execution at some instant, knows how everything will move, and need not reach a goal. It shares
+nothing with planner and executor: CMA-ES over the payload's twist at a few instants, linear in between, verified as
+executions are.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ NEAR = 0.05  # m, of contact that counts as much as twice a limit
 
 
 def dodge(record: Record, since: float, seed: int = 0) -> Record | None:
-    """What touches nothing until `HORIZON` after an instant [s], up to which it is as recorded; None if not found.
+    """Return a contact-free continuation for `HORIZON`, or None. Up to the instant `since` [s] it is as recorded.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def dodge(record: Record, since: float, seed: int = 0) -> Record | None:
 def gone_on(
     record: Record, k: int, time: np.ndarray, knots: np.ndarray, axes: list[int], around: tuple
 ) -> Record:
-    """A record that goes on after step k with given twists, array of shape (N_KNOTS - 1, n_axes)."""
+    """Return a record continued after step k with given twists. They are an array of shape (N_KNOTS - 1, n_axes)."""
     n, before = len(time), HandPoses(record.center[max(k - 1, 0)], record.quaternion[max(k - 1, 0)])
     poses = HandPoses(record.center[k], record.quaternion[k])
     at, now = np.linspace(time[k], time[-1], N_KNOTS), twists_between(record.scene, before, poses, PERIOD)
@@ -67,7 +67,7 @@ def gone_on(
 
 
 def news(record: Record, delay: float) -> float:
-    """When one could first know, `delay` [s] late, of the motion that was touched first; that instant [s]."""
+    """Return when the first touched motion could be known [s]. It is `delay` [s] late."""
     scene = record.scene
     for time, nodes in zip(record.time, record.nodes, strict=True):
         clearance, name = scene.clearance_at(nodes, time)

@@ -1,4 +1,4 @@
-"""What the levels of effort cost and bring: verified scenes, time, and the jerk of their motions beside "normal".
+"""Cost and benefit of effort levels: verified scenes, time and jerk.
 
     python benchmarks/effort.py SCENES [SCENES ...] [--seed 0] [--budget 30]
 
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def outcome(scene: comove.Scene, effort: str, seed: int, budget: float) -> tuple[bool, float, float]:
-    """Return whether the scene is solved, the jerk of its motion, and the processor time [s]."""
+    """Return success, jerk and processor time [s] of a scene."""
     begun = time.process_time()
     solution = comove.solve(scene, seed=seed, budget=budget, effort=effort)
     return solution.verified, jerk_cost(solution.attempt, LeastJerk(), None), time.process_time() - begun

@@ -1,13 +1,13 @@
-"""The same study however it is run: are the rows the same, bit for bit, and what does the engine cost a run?
+"""Equality of a study's rows across runners, and their cost per run.
 
     python benchmarks/engine.py [--only same cost] [--study planar] [--runs 200]
 
 A study of `examples/studies` is run by a bare loop, on one process and on two, in four parts that are merged, and by
 two workers of a Dask scheduler. All tables are compared with those of the bare loop, but for the columns of times and
-for runs that used up their budget. Beside it stands what a run takes: processor time, which other work on the machine
-hardly changes, and time on the wall, which it does; the start of processes is left out of both, by a second, short
-run. The efficiency is the bare loop's processor time as a share of that. Then the same with runs that do nothing, by
-which the engine's own time is seen.
+for runs that used up their budget. The table also shows the time of a run: processor time, which other work on the
+machine hardly changes, and time on the wall, which it does; the start of processes is left out of both, by a second,
+short run. The efficiency is the bare loop's processor time as a share of that. Then the same with runs that do
+nothing, by which the engine's own time is seen.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PARTS = 4
 
 
 def bare(study: RunSource, folder: Path) -> None:
-    """Run a study in this process, into a store that is written at the end."""
+    """Run a study in this process, and write its database last."""
     made = [study.run(number) for number in range(study.total)]
     folder.mkdir()
     store = StudyStore.create(folder / RUNS)
@@ -43,7 +43,7 @@ def bare(study: RunSource, folder: Path) -> None:
 
 
 def in_parts(study: RunSource, folder: Path) -> None:
-    """Run a study in parts, one after the other, and merge them."""
+    """Run a study in shards, one after the other, and merge them."""
     parts = [folder.with_name(f"{folder.name}-{i}") for i in range(1, PARTS + 1)]
     for i, part in enumerate(parts, 1):
         run_study(study, part, on_processes(1), shard=Shard(i, PARTS))
@@ -61,28 +61,28 @@ WAYS: dict[str, Callable[[RunSource, Path], object]] = {
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor time, and time on the wall [s]."""
+    """Processor time and wall time [s]."""
 
     processor: float
     wall: float
 
 
 def cost_of(way: str, study: RunSource, folder: Path) -> Cost:
-    """Run a study, and return what that took."""
+    """Run a study; return its cost."""
     used, begun = processor(), time.perf_counter()
     WAYS[way](study, folder)
     return Cost(processor() - used, time.perf_counter() - begun)
 
 
 def each(way: str, few: RunSource, many: RunSource, folder: Path) -> Cost:
-    """Return what a run takes, the start left out; the runs of `many` are left in the folder."""
+    """Return the cost of a run without start-up. The runs of `many` stay in the folder."""
     short, whole = cost_of(way, few, folder.with_name(f"{folder.name}-few")), cost_of(way, many, folder)
     runs = many.total - few.total
     return Cost((whole.processor - short.processor) / runs, (whole.wall - short.wall) / runs)
 
 
 def rows_in(folder: Path) -> tuple[dict[int, str], set[int]]:
-    """Return a checksum of all that a store holds of each run, by number, and the runs that were cut short."""
+    """Return checksums of a database's runs, by number. Return the runs that were cut short as well."""
     store = StudyStore.open(folder / RUNS)
     motions = {run.number: astuple(motion) for run, motion in store.motions()}
     motions |= {run.number: astuple(motion) for run, motion in store.motions("not delivered")}
@@ -96,7 +96,7 @@ def rows_in(folder: Path) -> tuple[dict[int, str], set[int]]:
 
 
 def same(name: str, runs: int, folder: Path) -> Iterable[list[object]]:
-    """Yield a row of the table for each way to run a study."""
+    """Yield a row of the table for each runner of a study."""
     few, many = (Study.load(STUDIES / f"{name}.yaml", episodes=n) for n in (2 * PARTS, runs))
     many.run(0)  # which loads the kernels of the bare loop
     first: dict[int, str] = {}
@@ -113,7 +113,7 @@ def same(name: str, runs: int, folder: Path) -> Iterable[list[object]]:
 
 
 def cost(folder: Path, runs: int) -> Iterable[list[object]]:
-    """Yield a row of the table for each way to run what does nothing."""
+    """Yield a row of the table for each runner of empty runs."""
     for way in WAYS:
         found = each(way, Idle(2 * PARTS), Idle(runs), folder / way.replace(" ", "-").replace(",", ""))
         yield [way, runs, f"{1000 * found.processor:.2f}", f"{1000 * found.wall:.2f}"]

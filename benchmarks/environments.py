@@ -1,14 +1,16 @@
-"""Loads of two hands among bookshelves, cages, tables and boxes that others drew.
+"""Payloads of two end effectors in published environments.
+
+They are bookshelves, cages, tables and boxes.
 
     python benchmarks/environments.py PROBLEMS [--scenes 84] [--seed 5]
 
-PROBLEMS is what MotionBenchMaker's problems for the Panda unpack to (Chamzas et al., 2022; BSD-3-Clause): the
-archive ``resources/panda/problems.tar.bz2`` of the repository KavrakiLab/vamp. Of each environment, planning scenes
-are drawn; in each, a bar of 0.4 m, a solid box and a tray that stays level go from a pose in front to one inside what
-stands there, both drawn until they are 2 cm clear. Scenes that no run solves within 60 s, from two further seeds
-either, are counted and left out: nobody knows whether they can be solved. Columns: verified; first verified motion,
-the first whose objective is within 1 % of the last one's, and whole search, medians, 95 % and most [s]; largest
-acceleration, as a share of that of minimum jerk along a straight way, median.
+PROBLEMS is the unpacked archive of MotionBenchMaker's problems for the Panda (Chamzas et al., 2022; BSD-3-Clause):
+``resources/panda/problems.tar.bz2`` of the repository KavrakiLab/vamp. Of each environment, planning scenes are
+sampled; in each, a bar of 0.4 m, a solid box and a tray that stays level move from a pose in front to one inside the
+environment, both sampled until they are 2 cm clear. Scenes that no run solves within 60 s, with two further seeds
+either, are counted and left out: their feasibility is unknown. Columns: verified; first verified motion, the first
+whose objective is within 1 % of the last one's, and whole search, medians, 95 % and most [s]; largest acceleration,
+as a share of that of minimum jerk along a straight path, median.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ LOADS: dict[str, tuple[dict[str, Any], float, list[dict[str, Any]]]] = {
 
 
 def main() -> None:
-    """Draw, solve and print the table."""
+    """Sample, solve and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("problems", type=Path)
     parser.add_argument("--scenes", type=int, default=84)
@@ -83,7 +85,8 @@ def main() -> None:
 
 
 def row(figures: np.ndarray) -> list[str]:
-    """Cells of a row; figures are verified, solvable, seconds to the first, to the last, in all, acceleration."""
+    """Return the cells of a row. Figures are verified, solvable, seconds to the first, to the last, in all,
+    acceleration."""
     known = figures[figures[:, 1] > 0]
     verified, _, first, converged, whole, acceleration = known.T
     return [
@@ -99,7 +102,7 @@ def row(figures: np.ndarray) -> list[str]:
 
 
 def solve(folder: Path, load: str, rng: np.random.Generator) -> tuple[float, ...]:
-    """Solve a scene drawn from an environment; the figures of `row`."""
+    """Solve a scene sampled from an environment; return the figures of `row`."""
     scene = drawn(folder, load, rng)
     watch, begun = Watch(), time.perf_counter()
     solution = comove.solve(scene, budget=BUDGET, progress=watch)
@@ -115,7 +118,7 @@ def solve(folder: Path, load: str, rng: np.random.Generator) -> tuple[float, ...
 
 
 def drawn(folder: Path, load: str, rng: np.random.Generator) -> comove.Scene:
-    """A scene with a load that goes into an environment."""
+    """Sample a scene with a payload that enters an environment."""
     path = sorted(folder.glob("scene*.yaml"))[rng.integers(100)]
     obstacles = obstacles_of(path)
     corners = np.array([corner for obstacle in obstacles for corner in hull(obstacle)])
@@ -155,7 +158,7 @@ def drawn(folder: Path, load: str, rng: np.random.Generator) -> comove.Scene:
 
 
 def hands(middle: np.ndarray, length: float, load: str, rng: np.random.Generator) -> np.ndarray:
-    """Both hands of a load turned at random, array of shape (2, 3) [m]."""
+    """Return both end effectors of a randomly rotated payload [m]. Array, shape (2, 3)."""
     way = rng.normal(size=3)
     if load == "tray":
         way[2] = 0.0
@@ -164,7 +167,7 @@ def hands(middle: np.ndarray, length: float, load: str, rng: np.random.Generator
 
 
 def obstacles_of(path: Path) -> list[dict[str, Any]]:
-    """The obstacles of a planning scene as MoveIt writes it."""
+    """Return the obstacles of a MoveIt planning scene."""
     world = yaml.safe_load(path.read_text())["world"]["collision_objects"]
     found = []
     for thing in world:
@@ -183,7 +186,7 @@ def obstacles_of(path: Path) -> list[dict[str, Any]]:
 
 
 def pose(place: dict[str, list[float]]) -> tuple[np.ndarray, np.ndarray]:
-    """Position [m] and rotation matrix of a pose."""
+    """Return position [m] and rotation matrix of a pose."""
     x, y, z, w = np.array(place["orientation"]) / np.linalg.norm(place["orientation"])
     matrix = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -194,7 +197,8 @@ def pose(place: dict[str, list[float]]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def wxyz(matrix: np.ndarray) -> list[float]:
-    """The unit quaternion of a rotation, by the eigenvector of its symmetric 4 x 4 matrix (Bar-Itzhack, 2000)."""
+    """Return the unit quaternion of a rotation (Bar-Itzhack, 2000). It is the eigenvector of a symmetric 4 x 4
+    matrix."""
     m = matrix
     square = np.array(
         [
@@ -208,7 +212,7 @@ def wxyz(matrix: np.ndarray) -> list[float]:
 
 
 def hull(obstacle: dict[str, Any]) -> list[list[float]]:
-    """Two corners of a box about an obstacle's middle, as far as it surely reaches in every direction [m]."""
+    """Return two corners of a box contained in an obstacle [m]."""
     center = np.array(obstacle["center"])
     reach = max(np.min(obstacle.get("size", [0.02])) / 2, 0.02)
     return [(center - reach).tolist(), (center + reach).tolist()]

@@ -1,14 +1,16 @@
-"""Shortest durations: least time beside other ways to make a motion fast, under 1 m/s, 1 m/s^2 and 5 m/s^3.
+"""Shortest durations by least time and other methods.
+
+The limits are 1 m/s, 1 m/s^2 and 5 m/s^3.
 
     python benchmarks/fast.py
 
 Rows: least time; least jerk, made as fast as the limits allow; the paper's cost, likewise; Drake's
-`KinematicTrajectoryOptimization` from the path of the first, for least duration, slowed down or sped up until the
-largest sampled speed, acceleration or jerk of a hand is its limit; TOPP-RA on the path of the first (limits of speed
-and acceleration only, by the hands' axes; it knows no jerk); RoboPlan's
-parametrisation, likewise, the shortest of its splines through 10, 20, 50 and 200 points, and of straight pieces whose
-corners it blends up to 1 cm off the path; and Ruckig's straight motion of the hand that has farthest to go, through
-whatever stands there: a bound from below. Durations [s] hold at every instant for the first three.
+`KinematicTrajectoryOptimization` from the path of the first, for least duration, scaled in time until the largest
+sampled speed, acceleration or jerk of an end effector is its limit; TOPP-RA on the path of the first (limits of
+speed and acceleration only, by the end effectors' axes; without jerk); RoboPlan's parametrisation, likewise, the
+shortest of its splines through 10, 20, 50 and 200 points, and of straight pieces whose corners it blends up to 1 cm
+off the path; and Ruckig's straight motion of the end effector with the longest path, ignoring obstacles: a lower
+bound. Durations [s] hold at every instant for the first three.
 """
 
 from __future__ import annotations
@@ -68,7 +70,7 @@ def main() -> None:
 
 
 def toppra_duration(motion: CoordinatedMotion) -> str:
-    """Shortest duration of a path by TOPP-RA, no hand beyond its limits."""
+    """Return the shortest duration of a path by TOPP-RA, within limits."""
     n_dims, n = motion.scene.n_dims, motion.scene.start.size
     share = np.full(n, 1.0 / np.sqrt(n_dims))  # of a hand's limit, that each of its axes may use
     hands = motion.hands(np.linspace(0.0, 1.0, N_PATH))[0].reshape(N_PATH, n)
@@ -77,7 +79,7 @@ def toppra_duration(motion: CoordinatedMotion) -> str:
 
 
 def roboplan_duration(motion: CoordinatedMotion, blended: bool) -> str:
-    """Shortest duration of a path by RoboPlan, for a robot whose joints are the hands' axes."""
+    """Return the shortest duration of a path by RoboPlan. The robot's joints are the end effectors' axes."""
     core, timing = peer("roboplan.core"), peer("roboplan.toppra")
     n, share = motion.scene.start.size, 1.0 / np.sqrt(motion.scene.n_dims)  # as for TOPP-RA
     axes = "".join(
@@ -108,7 +110,7 @@ def roboplan_duration(motion: CoordinatedMotion, blended: bool) -> str:
 
 
 def drake_duration(motion: CoordinatedMotion) -> str:
-    """Shortest duration by Drake, from the path of a motion; what it misses of distance and clearance, if it does."""
+    """Return Drake's shortest duration, from the path of a motion. Violations of distance and clearance are added."""
     solvers = peer("pydrake.solvers")
     scene = motion.scene
     problem, offers = SystemProblem(scene, budget=DRAKE_BUDGET), Offers()
@@ -151,7 +153,7 @@ def drake_duration(motion: CoordinatedMotion) -> str:
 
 
 def ruckig_duration(length: float) -> str:
-    """Shortest time for a straight way from rest to rest, by Ruckig (Berscheid and Kroeger, 2021)."""
+    """Return the shortest straight time by Ruckig (Berscheid and Kroeger, 2021)."""
     ruckig = peer("ruckig")
     asked, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
     asked.target_position = [length]

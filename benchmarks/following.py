@@ -1,12 +1,12 @@
-"""How near motions stay to what was taught: the 30 LASA shapes as demonstrations for two hands with a bar.
+"""Closeness of motions to demonstrations: 30 LASA shapes, two end effectors.
 
     python benchmarks/following.py [--shapes 30] [--seed 72]
 
-Scenes: narrow, wide, and five easy planar draws with this seed. Rows: least jerk with its default resemblance, and
-the paper's cost with a resemblance of 10. Columns, medians over shapes and scenes: verified; mean distance of hands
-from the demonstration over the way from start to goal; mean angle between their velocity and the demonstration's
-(where both move); the largest jerk more than 5 cm away from everything, over the demonstration's own; acceleration
-over that of the straight motion of least jerk; seconds.
+Scenes: narrow, wide, and five easy planar samples with this seed. Rows: least jerk with its default resemblance, and
+the paper's cost with a resemblance of 10. Columns, medians over shapes and scenes: verified; mean distance of end
+effectors from the demonstration over the path from start to goal; mean angle between their velocity and the
+demonstration's (where both move); the largest jerk more than 5 cm away from everything, over the demonstration's
+own; acceleration over that of the straight motion of least jerk; seconds.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ def main() -> None:
 
 
 def measured(scene: comove.Scene, dmp: comove.DMP, objective: LeastJerk | PaperCost) -> tuple[float, ...]:
-    """Verified, distance over the way, angle [deg], jerk ratio in free parts, acceleration ratio, seconds."""
+    """Return the figures of a solution. They are verified, distance over the path, angle [deg], jerk ratio in free
+    parts, acceleration ratio, and seconds."""
     solution = comove.solve(scene, demonstration=dmp, objective=objective, budget=20.0)
     motion, s = solution.attempt, np.linspace(0.0, 1.0, N_STEPS)
     _, _, acceleration = motion.hands(s)
@@ -105,20 +106,20 @@ def measured(scene: comove.Scene, dmp: comove.DMP, objective: LeastJerk | PaperC
 
 
 def resampled(taught: np.ndarray) -> np.ndarray:
-    """A demonstration at as many even times as motions are looked at."""
+    """Return a demonstration at the even times of motions."""
     from scipy.interpolate import CubicSpline
 
     return CubicSpline(np.linspace(0, 1, len(taught)), taught)(np.linspace(0, 1, N_STEPS))
 
 
 def third(taught: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Third derivatives, but for the very ends, where a demonstration need not rest."""
+    """Return third derivatives, without the ends, where demonstrations may move."""
     jerk = np.gradient(np.gradient(np.gradient(taught, s, axis=0), s, axis=0), s, axis=0)
     return jerk[4:-4]
 
 
 def clearance_of(scene: comove.Scene, nodes: np.ndarray) -> float:
-    """Clearance of one configuration of a bar [m]."""
+    """Return the clearance of one configuration of a bar [m]."""
     body = scene.body
     return configuration_distance(nodes, body.edges, body.radii, scene.obstacles, *scene.workspace)[0]
 

@@ -1,13 +1,13 @@
-"""Generated episodes: how many a second, how many verified, how various, how many bytes; what the runner costs.
+"""Generation of episodes: rate, success, variety, size, and overhead.
 
     python benchmarks/generate.py [--study planar] [--episodes 1000] [--workers 1 2]
     python benchmarks/generate.py --only many idle grown [--rows 1000000]
 
 First, episodes of a study in `examples/studies`, with each number of processes, from kernels in the cache on disk to
 the last row; the motions of all runs are compared, but not of those whose search used up its budget. Then
-`solve_many`: what a scene takes beyond `solve`, in its process and in that which asks for it. Then runs that do
-nothing, by which the runner's own time is seen. Last, a store of as many rows: rows a second that are written, and
-the time of a report. All times but one are of the processor, which other work on the machine hardly changes.
+`solve_many`: what a scene takes beyond `solve`, in its process and in the calling one. Then runs that do
+nothing, by which the runner's own time is seen. Last, a run database of as many rows: rows a second that are written,
+and the time of a report. All times but one are of the processor, which other work on the machine hardly changes.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def show(header: dict[str, str], rows: Iterable[dict[str, Any]]) -> None:
 
 
 def processor() -> float:
-    """Return the processor time of this process and of those that it started and that have ended [s]."""
+    """Return the processor time of this and its ended processes [s]."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)
 
@@ -128,7 +128,7 @@ def generated(name: str, folder: Path, episodes: int, workers: list[int]) -> Ite
 
 
 def many() -> dict[str, Any]:
-    """Return what a scene of `solve_many` takes beyond `solve`, in its process and in this one."""
+    """Return a scene's overhead in `solve_many`. It is the time beyond `solve`, in its process and in this one."""
     study = Study.load(STUDIES / "planar.yaml")
     tasks = iter([(number, study.draw(number).scene) for number in range(N_MANY)])
     working = run_tasks(TimedWork(SolvingWork()), lambda: next(tasks, None), workers=1)
@@ -149,7 +149,7 @@ def many() -> dict[str, Any]:
 
 
 def idle(folder: Path, workers: int) -> dict[str, Any]:
-    """Return the time of a run that does nothing, from the first row to the last, its process's part included."""
+    """Return the time of an empty run, from first to last row. Its process's part is included."""
     times: list[float] = []
     used = processor()
     run_study(
@@ -167,7 +167,7 @@ def idle(folder: Path, workers: int) -> dict[str, Any]:
 
 
 def grown(folder: Path, rows: int) -> dict[str, Any]:
-    """Return how fast rows are written into a large store, each by itself at last, and the time of a report."""
+    """Return the write rate of a large database, and its report's time. Rows are written one by one at last."""
     out = folder / "grown"
     out.mkdir()
     store = StudyStore.create(out / RUNS)

@@ -1,4 +1,4 @@
-"""What `generate.py` runs, in a module that other processes can import."""
+"""Runs of `generate.py`, in a module that other processes can import."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from comove.data.runs import StoredMotion
 
 @dataclass(frozen=True)
 class TimedWork:
-    """Work that also returns the processor time of its process before and after it [s]."""
+    """Work that also returns its process's time before and after [s]."""
 
     work: Callable[[Any], Any]
 
     def __call__(self, task: Any) -> tuple[float, float, Any]:
-        """Return both times, and what was made."""
+        """Return both times, and the result."""
         begun = time.process_time()
         made = self.work(task)
         return begun, time.process_time(), made
@@ -27,7 +27,7 @@ class TimedWork:
 
 @dataclass(frozen=True)
 class Idle:
-    """A study whose runs do nothing but wait, and note in a log that they began."""
+    """Study whose runs wait, and log their beginning."""
 
     total: int
     name: str = "idle"
@@ -61,7 +61,7 @@ class Idle:
 
 
 def row_of(number: int) -> StudyRun:
-    """Return a row as long as those of real runs."""
+    """Return a row of typical length."""
     x = (number % 9973) / 9973.0
     figures = dict.fromkeys(("duration", "cost", "clearance_min", "end_error", "speed_max", "jerk_max"), x)
     return StudyRun(

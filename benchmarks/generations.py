@@ -1,8 +1,8 @@
-"""Mean time of one generation of CMA-ES, without the objective, over 300 generations; one row a dimension.
+"""Mean time of a CMA-ES generation without the objective, by dimension.
 
-The mean and not the median: decompositions are lazy, which a median hides. Everybody has the default population
-(4 + 3 ln n) and minimises an ellipsoid whose own time is not counted. `ratio` is the
-full covariance's over pycma's, `separable` likewise.
+It is the mean of 300 generations and not the median: decompositions are lazy, which a median hides. All have the
+default population (4 + 3 ln n) and minimise an ellipsoid whose own time is not counted. `ratio` is the full
+covariance's over pycma's, `separable` likewise.
 
 To repeat: ``pip install 'comove[bench]'``, ``OMP_NUM_THREADS=1 python benchmarks/generations.py``.
 """
@@ -60,7 +60,7 @@ SOLVERS = {
 
 
 def mean_time(make: Callable, n: int) -> float:
-    """Seconds a generation."""
+    """Return the seconds of a generation."""
     scale = 10.0 ** (6 * np.arange(n) / (n - 1))
     ask, tell = make(n)
     spent = 0.0

@@ -1,12 +1,12 @@
-"""Kills in the middle of a study: is anything lost, is anything there twice?
+"""Kills in the middle of a study: tests for lost and duplicate runs.
 
     python benchmarks/kills.py [--kills 20] [--runs 2000] [--on processes dask]
 
 A study of cheap runs (each waits 20 ms) is run by `run_study` in a process of its own, on two processes or on a Dask
 scheduler with two workers. At random moments one of them is killed with SIGKILL, in turn: a worker, the driver, the
-scheduler, and everything at once as in a power cut. What is gone is started again, by the same commands, until the
-study is done; a driver whose worker was killed has to go on by itself. In the end the store is compared with that of
-a study that nothing disturbed.
+scheduler, and everything at once as in a power cut. Killed processes are started again, by the same commands, until
+the study is done; a driver whose worker was killed has to go on by itself. In the end the run database is compared
+with that of an undisturbed study.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def main() -> None:
 
 
 def drive(runs: int, folder: str, log: str, address: str) -> None:
-    """Run the study, and tell every run that has ended."""
+    """Run the study, and print every run that has ended."""
     if address == "processes":
         run = on_processes(2)
     else:
@@ -74,13 +74,13 @@ def drive(runs: int, folder: str, log: str, address: str) -> None:
 
 
 def rows_in(folder: Path) -> list[tuple]:
-    """Return all rows of a store."""
+    """Return all rows of a run database."""
     with StudyStore.open(folder / RUNS).connected(reading=True) as connection:
         return connection.execute("SELECT * FROM runs ORDER BY number").fetchall()
 
 
 def tortured(folder: Path, kind: str, kills: int, runs: int, right: list[tuple]) -> list[object]:
-    """Return a row of the table: what became of a study that was disturbed."""
+    """Return the table row of a disturbed study."""
     crew = Crew(folder / kind, folder / f"{kind}.log", kind, runs)
     rng, victims, killed, begun = random.Random(0), cycle(VICTIMS[kind]), Counter[str](), time.perf_counter()
     try:
@@ -110,7 +110,7 @@ def tortured(folder: Path, kind: str, kills: int, runs: int, right: list[tuple])
 
 @dataclass
 class Crew:
-    """The processes of a study: its driver and, with Dask, the scheduler and those that look after its workers."""
+    """Processes of a study: driver, and Dask's scheduler and nannies."""
 
     folder: Path
     log: Path
@@ -121,12 +121,12 @@ class Crew:
 
     @property
     def done(self) -> bool:
-        """Return whether the driver has ended by itself, with all runs done."""
+        """Return whether the driver has ended by itself with all runs."""
         driver = self.processes.get("driver")
         return driver is not None and driver.poll() == 0
 
     def ensure(self) -> None:
-        """Start what is not there, and wait until runs end."""
+        """Start missing processes, and wait until runs end."""
         if self.kind == "dask":
             self.ensure_dask()
         if not self.lives("driver"):
@@ -136,7 +136,7 @@ class Crew:
             self.processes["driver"].stdout.readline()
 
     def ensure_dask(self) -> None:
-        """Start a scheduler and its workers, where they are gone."""
+        """Start a scheduler and its workers, where missing."""
         if not self.lives("scheduler"):
             with socket.socket() as free:
                 free.bind(("127.0.0.1", 0))
@@ -161,7 +161,7 @@ class Crew:
         )
 
     def lives(self, name: str) -> bool:
-        """Return whether a process is there."""
+        """Return whether a process is running."""
         process = self.processes.get(name)
         return process is not None and process.poll() is None
 
@@ -193,7 +193,7 @@ class Crew:
             process.wait()
 
     def finish(self) -> None:
-        """Let the study come to its end."""
+        """Complete the study."""
         if not self.done:
             self.ensure()
             _, err = self.processes["driver"].communicate(timeout=PATIENCE + 2 * PAUSE * self.runs)
@@ -207,7 +207,7 @@ class Crew:
 
 
 def children(pid: int) -> list[int]:
-    """Return the processes that a process has started."""
+    """Return the child processes of a process."""
     with suppress(OSError):
         return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     return []

@@ -1,4 +1,4 @@
-"""Does LeRobot itself read the datasets of a study, and is what it reads what the study says?
+"""LeRobot's own reading of a study's datasets, compared with the study.
 
     python benchmarks/lerobot_loads.py DIR
 

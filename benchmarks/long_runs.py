@@ -1,4 +1,4 @@
-"""Whether memory grows: thousands of searches in one process, and a control loop that goes on for hours.
+"""Memory growth over thousands of searches, and hours of control.
 
     python benchmarks/long_runs.py [--solves 10000] [--robot-solves 300] [--hours 3] [--parts 10]
 
@@ -32,7 +32,7 @@ SHIFT = 0.005  # m, by which obstacles are moved at most
 
 
 def main() -> None:
-    """Run everything, print memory as it goes, and fail where it grows."""
+    """Run everything, print memory, and fail where it grows."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--solves", type=int, default=10_000)
     parser.add_argument("--robot-solves", type=int, default=300)
@@ -62,7 +62,7 @@ def main() -> None:
 
 
 def searches(files: list[Path], budget: float) -> Iterator[bool]:
-    """Solve one scene after the other, each with obstacles of its own."""
+    """Solve one scene after the other, with changing obstacles."""
     rng = np.random.default_rng(0)
     while True:
         for file in files:
@@ -77,7 +77,7 @@ def searches(files: list[Path], budget: float) -> Iterator[bool]:
 
 
 def steps() -> Iterator[None]:
-    """Step for ever before a goal that an obstacle crosses all the time."""
+    """Step endlessly before a goal that an obstacle keeps crossing."""
     hands = [{"name": n, "start": [0.1, y], "goal": [0.9, y]} for n, y in (("left", 0.6), ("right", 0.4))]
     scene = comove.Scene.from_dict(
         {

@@ -1,9 +1,9 @@
-"""How well and how fast convex polytopes hold a mesh, and mesh files are read.
+"""Accuracy and speed of convex decompositions and of mesh readers.
 
     python benchmarks/meshes.py
     python benchmarks/meshes.py readers
 
-Every mesh is turned at random three times; the worst is told. Files are those of example-robot-data and of comove,
+Every mesh is rotated at random three times; the worst is shown. Files are those of example-robot-data and of comove,
 read by comove and by trimesh. Times are of the processor.
 """
 
@@ -45,14 +45,14 @@ SPECIAL = {  # name, what is in it, its format and number of triangles, and its 
 
 
 def main() -> None:
-    """Print the table that is asked for."""
+    """Print the requested table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", nargs="?", choices=("polytopes", "readers"), default="polytopes")
     {"polytopes": decompose_all, "readers": read_all}[parser.parse_args().what]()
 
 
 def read_all() -> None:
-    """Read all mesh files of robots, and some special ones, and print two tables."""
+    """Read all mesh files of robots; print two tables. Some special files are added."""
     peer("trimesh")
     robots = Path(peer("pinocchio").__file__).parents[4] / "share" / "example-robot-data" / "robots"
     folders = (robots, Path(comove.__file__).parent, MESHES.parent)
@@ -84,14 +84,14 @@ def read_all() -> None:
 
 
 def _boxed(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, np.ndarray]:
-    """Return the number of triangles with an area, and the box around all, array of shape (2, 3)."""
+    """Return the number of non-degenerate triangles, and the bounding box. The box is an array of shape (2, 3)."""
     corners = vertices[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return int((area > 0.0).sum()), np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
 
 
 def _by_trimesh(data: bytes, suffix: str) -> tuple[int, np.ndarray] | None:
-    """Return the same as trimesh reads it; None where it refuses."""
+    """Return `_boxed` by trimesh; None where it refuses."""
     trimesh = peer("trimesh")
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True)

@@ -1,14 +1,16 @@
-"""Every method and peer on the example scenes `wide` (from a straight line), `narrow` and `complex` (demonstrated).
+"""All methods and peers on `wide`, `narrow` and `complex`.
+
+`wide` begins with a straight line, the others with their demonstration.
 
 - ``comove``, ``projection`` (both with and without the planner), ``paper``: the methods of `comove.solve`.
-- ``AugmentedLagrangian``, ``CCMAES``, ``EpsilonLevel``, ``Penalty`` of `comove.optim`, on the problem that
-  `comove.lab.peers.shapes` poses to pycma: what the paper's method minimises, but all at once, with the whole
-  load from the beginning and no planner. They begin with step size 0.05.
+- ``AugmentedLagrangian``, ``CCMAES``, ``EpsilonLevel``, ``Penalty`` of `comove.optim`, on pycma's problem in
+  `comove.lab.peers.shapes`: that of the paper's method, but all at once, with the whole payload from the beginning
+  and no planner. They begin with step size 0.05.
 - the peers of `comove.lab.peers`.
 
-Whatever is offered last is judged in continuous time. Columns: runs whose last offer is verified; seconds to the
-first offer that is and until the method ended, medians; largest error of the distance over its tolerance, median;
-median cost J of the runs that are verified.
+The last offer is verified in continuous time. Columns: runs whose last offer is verified; seconds to the first
+verified offer and until the method ended, medians; largest error of the distance over its tolerance, median; median
+cost J of the verified runs.
 
 To repeat: ``pip install 'comove[bench]'``, ``python benchmarks/methods.py [--seeds 20] [--budget 5]``.
 """
@@ -91,7 +93,7 @@ SYSTEMS: dict[str, System] = {
 
 
 def run(job: tuple[str, str, int, float]) -> tuple[SystemOutcome | None, float]:
-    """One system on one scene with one seed, and the tolerance of the scene's distance [m]."""
+    """Run a system on a scene with a seed. Return its result, and the tolerance of the scene's distance [m]."""
     name, system, seed, budget = job
     warnings.simplefilter("ignore")
     scene = example(name)
@@ -129,7 +131,7 @@ def main() -> None:
 
 
 def row(scene: str, system: str, outcomes: list[tuple[SystemOutcome | None, float]]) -> list[str]:
-    """Cells of one row."""
+    """Return the cells of one row."""
     offered = [(outcome, tolerance) for outcome, tolerance in outcomes if outcome is not None]
     good = [outcome for outcome, _ in offered if outcome.verified]
     firsts = [o.first_verified for o in good if o.first_verified is not None]

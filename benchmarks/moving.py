@@ -1,18 +1,18 @@
-"""Random scenes whose obstacles move: who keeps the load whole, touches nothing and arrives?
+"""Methods on random scenes with moving obstacles: distances, contacts, arrivals.
 
     python benchmarks/moving.py                   # 200 scenes, all methods
     python benchmarks/moving.py --scenes 20
 
-Every method gets the same scenes and is judged by the same truth: `known` executes with the motions of the file,
-`seen` knows where obstacles are and how fast, now; `measured` sees them with 1 cm of noise, 50 ms late and with 10 %
-drop-outs; `clouds` knows points on them, 1 cm apart, with 2 mm of noise, 30 ms late, 20 times a second; the others
-modulate the hands' velocities as in the paper. That `known` arrives is the witness that a scene can be passed.
+Every method gets the same scenes and is verified with the same ground truth: `known` executes with the motions of
+the file, `seen` knows present positions and velocities of obstacles; `measured` gets them with 1 cm of noise, 50 ms
+late and with 10 % drop-outs; `clouds` gets points on them, 1 cm apart, with 2 mm of noise, 30 ms late, 20 times a
+second; the others modulate the end effectors' velocities as in the paper. An arrival of `known` is the witness that
+a scene is feasible.
 
-Counted apart: scenes in which something stays where the load has to go, out of the arrivals; and, out of the
-contacts, scenes in which `dodging.dodge`, which knows everything, finds no movement within the limits that touches
-nothing for two seconds, from where the load was when news of the motion that was touched first can have come: of what
-is seen when it changed last (a corner of its way, or its start), of what is measured or scanned the sensor's delay
-after that.
+Counted apart: scenes in which something stays at the payload's goal, out of the arrivals; and, out of the contacts,
+scenes in which `dodging.dodge`, which knows everything, finds no movement within the limits that touches nothing for
+two seconds, from the payload's pose when news of the motion that was touched first can have come: for `seen` when it
+changed last (a corner of its path, or its start), for measured or scanned obstacles the sensor's delay after that.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ HEADER = (
 
 
 def executed(scene: Scene, observer) -> dict[str, float]:
-    """One execution and what was measured of it."""
+    """Run one execution; return its measures."""
     executor = Executor(scene, observer)
     record = executor.run(LONGEST * scene.duration)
     log = executor.log
@@ -51,13 +51,13 @@ def executed(scene: Scene, observer) -> dict[str, float]:
 
 
 def modulated_run(scene: Scene, sharing: Sharing, load: bool) -> dict[str, float]:
-    """The same of a modulation; the load is what is straight between the hands."""
+    """Run a modulation; return its measures. The payload is straight between the end effectors."""
     record = loose_run(scene, sharing, LONGEST * scene.duration, load=load)
     return {**measures(record), "plans": [], "control": []}
 
 
 def measures(record: Record) -> dict[str, float]:
-    """What the judge says of a record."""
+    """Return the verification's measures of a record."""
     scene, report = record.scene, verify_execution(record)
     return {
         "contact": report.clearance_min < 0.0,
@@ -71,13 +71,13 @@ def measures(record: Record) -> dict[str, float]:
 
 
 def is_taken(scene: Scene) -> bool:
-    """Whether something stands where the load has to be, for all of the last fifth."""
+    """Return whether an obstacle occupies the goal for the last fifth."""
     last, goal = np.linspace(0.8, 1.0, 100) * LONGEST * scene.duration, scene.nodes_at("goal")
     return all(scene.clearance_at(goal, time)[0] < 0.0 for time in last)
 
 
 def row(name: str, runs: list[dict]) -> None:
-    """Print one method."""
+    """Print the row of one method."""
     control = (
         np.concatenate([r["control"] for r in runs]) if runs and runs[0]["control"] else np.array([np.nan])
     )
@@ -95,7 +95,7 @@ def row(name: str, runs: list[dict]) -> None:
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)

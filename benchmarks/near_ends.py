@@ -1,4 +1,4 @@
-"""How a demonstration is adapted whose ends nearly coincide, by the solver and by every variant.
+"""Adaptation of demonstrations whose ends nearly coincide.
 
 - loop: x = 0.14 (1 - cos 2 pi s) + gap s, y = 0.05 sin 2 pi s, adapted to the ends of the left hand of the narrow
   scene, 0.7 m apart, for gaps from 0 to 30 cm: size (greatest distance between two points) of the adapted movement;
@@ -41,7 +41,7 @@ WAY = float(np.linalg.norm(GOAL - START))
 
 
 def main() -> None:
-    """Print a table for the loop, for the handwriting, and for what is solved."""
+    """Print tables for the loop, the handwriting, and the solutions."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shapes", type=int, default=30)
     parser.add_argument("--picture", metavar="PNG")
@@ -65,13 +65,13 @@ def main() -> None:
 
 
 def loop(gap: float) -> Demonstration:
-    """Out and back, with ends `gap` apart along x."""
+    """Return a path out and back, with ends `gap` apart along x."""
     x, y = 0.14 * (1 - np.cos(2 * np.pi * S)) + gap * S, 0.05 * np.sin(2 * np.pi * S)
     return Demonstration(5.0 * S, np.stack([x, y], axis=1), "loop")
 
 
 def closed(name: str) -> Callable[[float], Demonstration]:
-    """Return the handwriting whose last half is bent so that it ends where it starts, but for a gap."""
+    """Return handwriting bent to end at its start, but for a gap."""
     shown = Demonstration.from_lasa(name).resampled(len(S))
     position = shown.position - shown.position[0]
     position *= SIZE / extent_of(position)
@@ -87,18 +87,18 @@ def closed(name: str) -> Callable[[float], Demonstration]:
 
 
 def by_variant(variant: str) -> Callable[[Demonstration], Array]:
-    """Return a function from a demonstration to the rollout between the scene's ends."""
+    """Return a function from demonstrations to rollouts between the scene's ends."""
     return lambda shown: DMP.fit(shown, variant=variant).rollout(start=START, goal=GOAL).position
 
 
 def by_solver(shown: Demonstration) -> Array:
-    """Return the adapted demonstration of the left hand."""
+    """Return the adapted demonstration of the left end effector."""
     dmp = DMP.fit(shown)
     return modulate(dmp, START, GOAL).at(S * dmp.duration).position
 
 
 def by_similarity(shown: Demonstration) -> Array:
-    """Return the demonstration under the similarity that maps its ends to the scene's."""
+    """Return the demonstration, mapped by a similarity to the scene's ends."""
     position = shown.position @ [1, 1j]
     gap = position[-1] - position[0]
     way = (GOAL - START) @ [1, 1j]
@@ -137,7 +137,7 @@ def handwriting_row(shapes: list[Callable[[float], Demonstration]]) -> Callable[
 
 
 def solved_rows() -> list[tuple[str, ...]]:
-    """Return the rows of the motions that follow the loop."""
+    """Return the rows of solutions with the loop."""
     rows = []
     for gap in GAPS:
         found = comove.solve(SCENE, demonstration=loop(gap), seed=0)
@@ -149,7 +149,7 @@ def solved_rows() -> list[tuple[str, ...]]:
 
 
 def picture(path: str, shapes: list[Callable[[float], Demonstration]]) -> None:
-    """Draw adapted loops, and sizes over the gap as a share of the demonstration's own size."""
+    """Draw adapted loops, and relative sizes over the gap."""
     from comove.view.figures import save_picture
     from comove.view.figures.style import COLOURS, new_figure
 

@@ -1,4 +1,4 @@
-"""The least time along the path of a movement, beside TOPP-RA (toppra), in one run.
+"""Least time along a movement's path, beside TOPP-RA (toppra).
 
 The first recording of each of the 30 LASA shapes is learned, 20 weights a dimension, and is to take the least time
 within a share of its own largest velocity and acceleration (both limits of every coordinate):
@@ -67,7 +67,7 @@ def main() -> None:
 
 
 def comove(dmp: DMP, velocity: np.ndarray, acceleration: np.ndarray) -> tuple[float, float, float, float]:
-    """Return duration, excess of velocity and acceleration, and seconds, of `slowed` at any pace."""
+    """Return duration, velocity and acceleration excess, and seconds of `slowed`."""
     options: dict[str, Any] = {"velocity": velocity, "acceleration": acceleration, "pace": np.inf}
     paced = slowed(dmp, **options)
     seconds = elapsed(lambda: slowed(dmp, **options))
@@ -84,7 +84,7 @@ def comove(dmp: DMP, velocity: np.ndarray, acceleration: np.ndarray) -> tuple[fl
 def peer(
     dmp: DMP, velocity: np.ndarray, acceleration: np.ndarray
 ) -> tuple[float, float, float, float] | None:
-    """Return the same of toppra; None where it is not installed."""
+    """Return the same for toppra; None where not installed."""
     position = dmp.at(np.linspace(0.0, dmp.duration, N_PATH)).position
     timed = by_toppra(position, velocity, acceleration)
     found = timed()

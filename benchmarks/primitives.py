@@ -1,12 +1,12 @@
-"""What the primitives reach, in one run, beside ProDMP (mp-pytorch) and movement_primitives.
+"""Performance of primitives, beside ProDMP (mp-pytorch) and movement_primitives.
 
 - handwriting: 30 LASA shapes, all 7 demonstrations, N = 10, 20, 50 free weights a dimension: median of the root mean
   square error over the 210 recordings. The peers fit with their own defaults (ProDMP: alpha 25, alpha_phase 2,
   bandwidth 2, double precision, its goal is fitted as one more weight; movement_primitives: its DMP);
-- execution: largest error of a movement executed step by step against its exact rollout, and what is left of the goal
-  after the end, for the stepping that either tool offers;
+- execution: largest error of a movement executed step by step against its exact rollout, and the remaining distance
+  to the goal after the end, for the stepping that either tool offers;
 - rollouts: 1000 weight vectors beside the bare matrix product of the same size;
-- rigid load: hands on SE(3) at double and half speed, with a stop and a goal that jumps in the middle;
+- rigid payload: end effectors on SE(3) at double and half speed, with a stop and a goal that jumps in the middle;
 - recording: a CSV file of a million samples, read, segmented and fitted, in a process of its own.
 
 To repeat: ``pip install 'comove[bench]'`` and ``python benchmarks/primitives.py [--only handwriting ...]``.
@@ -38,7 +38,7 @@ ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
 
 
 def handwriting() -> None:
-    """Median errors of the fits of all recordings."""
+    """Print median errors of the fits of all recordings."""
     demos = [Demonstration.from_lasa(name, k) for name in lasa_names() for k in range(7)]
     fits: dict[str, Callable[[list[Demonstration], int], list[np.ndarray]]] = {
         "ProDMP (mp-pytorch)": prodmp,
@@ -53,7 +53,7 @@ def handwriting() -> None:
 
 
 def summary(demos: list[Demonstration], paths: list[np.ndarray]) -> str:
-    """Median and largest root mean square error of the paths, each of shape (n_steps, 2)."""
+    """Return the median and largest RMS error of paths. Each path has the shape (n_steps, 2)."""
     errors = [
         np.sqrt(((path - demo.position) ** 2).sum(axis=1).mean())
         for demo, path in zip(demos, paths, strict=True)
@@ -62,12 +62,12 @@ def summary(demos: list[Demonstration], paths: list[np.ndarray]) -> str:
 
 
 def own(demos: list[Demonstration], n_basis: int, variant: Variant) -> list[np.ndarray]:
-    """Fits of comove, sampled at the recordings' times."""
+    """Return fits of comove, sampled at the recordings' times."""
     return [DMP.fit(demo, n_basis=n_basis, variant=variant).at(demo.time).position for demo in demos]
 
 
 def prodmp(demos: list[Demonstration], n_basis: int) -> list[np.ndarray]:
-    """Fits of ProDMP: all recordings in one batch, in unit duration, which changes nothing but the clock."""
+    """Return fits of ProDMP, all recordings in one unit-duration batch."""
     torch, factory = peer("torch"), peer("mp_pytorch.mp").MPFactory
     logging.disable(logging.WARNING)
     settings = {
@@ -91,7 +91,7 @@ def prodmp(demos: list[Demonstration], n_basis: int) -> list[np.ndarray]:
 
 
 def movement_primitives(demos: list[Demonstration], n_basis: int) -> list[np.ndarray]:
-    """Fits of movement_primitives, played by its own integrator."""
+    """Return fits of movement_primitives, played by its own integrator."""
     module = peer("movement_primitives.dmp")
     paths = []
     for demo in demos:
@@ -107,7 +107,7 @@ def movement_primitives(demos: list[Demonstration], n_basis: int) -> list[np.nda
 
 
 def execution() -> None:
-    """Errors of stepping, and what is left after the end."""
+    """Print errors of stepping, and remaining distances after the end."""
     demo = Demonstration.from_lasa("Angle")
     counts = (25, 50, 100, 200, 400, 800)
     rows = []
@@ -144,7 +144,7 @@ def execution() -> None:
 
 
 def rollouts() -> None:
-    """Times of 1000 rollouts beside the bare product."""
+    """Print times of 1000 rollouts beside the bare product."""
     rows, rng = [], np.random.default_rng(0)
     for n_dims in (4, 7, 14, 28):
         dmp = DMP(rng.standard_normal((n_dims, 20)), *rng.standard_normal((4, n_dims)), 1.0)
@@ -161,7 +161,7 @@ def rollouts() -> None:
 
 
 def rigid_load() -> None:
-    """Errors of relative poses while everything happens."""
+    """Print errors of relative poses under all disturbances."""
     from scipy.spatial.transform import Rotation
 
     s = np.linspace(0, 1, 401)
@@ -222,7 +222,7 @@ print(len(parts), read - started, cut - read, done - cut, done - started, peak)
 
 
 def recording() -> None:
-    """A long recording of reaches with pauses."""
+    """Measure a long recording of reaches with pauses."""
     n_reaches, n_samples = 250, 4000
     rng, s = np.random.default_rng(0), np.clip(np.linspace(-0.25, 1.25, n_samples), 0, 1)
     way = minimum_jerk(s)[:, None]

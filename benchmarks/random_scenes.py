@@ -1,4 +1,4 @@
-"""Random scenes through which a load can be carried, for benchmarks and tests."""
+"""Feasible random scenes for benchmarks and tests."""
 
 from __future__ import annotations
 
@@ -26,30 +26,28 @@ TRIES = 12  # plans before a scene is given up
 
 
 def planar_scene(seed: int, *, central: bool = False) -> Scene:
-    """Draw a scene with a planar bar, one to three walls (gap 0.45 to 1.4 bar lengths) and up to two discs.
-
-    Gaps and ends lie anywhere across the workspace, or nearer to its middle if `central`, which makes the paths
-    shorter.
-    """
+    """Sample a planar scene with a bar, walls and discs. There are one to three walls (gap 0.45 to 1.4 bar lengths)
+    and up to two discs. Gaps and ends lie anywhere across the workspace, or nearer to its middle if `central`, which
+    makes the paths shorter."""
     return _first_passable(np.random.default_rng([seed, 2]), lambda rng: _planar(rng, seed, central))
 
 
 def spatial_bar_scene(seed: int) -> Scene:
-    """Draw a scene in space: a bar, one or two walls with a window narrower than the bar, up to four bodies."""
+    """Sample a spatial scene with a bar, walls and bodies. There are one or two walls with a window narrower than
+    the bar, and up to four bodies."""
     return _first_passable(np.random.default_rng([seed, 3]), lambda rng: _spatial(rng, seed, 2))
 
 
 def spatial_triangle_scene(seed: int) -> Scene:
-    """Draw a scene with a triangle held by three hands, one or two walls with a window, and up to four bodies."""
+    """Sample a scene with a triangle held by three end effectors. There are one or two walls with a window, and up
+    to four bodies."""
     return _first_passable(np.random.default_rng([seed, 4]), lambda rng: _spatial(rng, seed, 3))
 
 
 def moving_scene(seed: int, share: float = 1.0) -> Scene:
-    """Draw a scene with one to four moving obstacles, up to `share` of the hands' speed, and up to two fixed ones.
-
-    Planar and spatial scenes alternate, and every other pair of them has three hands instead of two. The scene may
-    have no solution, which `comove.planning` finds out.
-    """
+    """Sample a scene with one to four moving obstacles. They have up to `share` of the end effectors' speed, besides
+    up to two static obstacles. Planar and spatial scenes alternate, and every other pair of them has three end
+    effectors instead of two. The scene may have no solution."""
     rng = np.random.default_rng([seed, 5])
     n_dims, n_hands = 2 + seed % 2, 2 + seed // 2 % 2
     while True:
@@ -88,7 +86,7 @@ def _moving(rng: np.random.Generator, seed: int, n_dims: int, n_hands: int, fast
 
 
 def _ball(rng: np.random.Generator, n_dims: int, low: float, high: float) -> dict[str, Any]:
-    """Draw a sphere, a box, or a capsule."""
+    """Sample a sphere, a box, or a capsule."""
     center = rng.uniform(low, high, n_dims).tolist()
     shape, size = rng.choice(["sphere", "box", "capsule"]), rng.uniform(0.03, 0.09)
     if shape == "sphere":
@@ -99,7 +97,7 @@ def _ball(rng: np.random.Generator, n_dims: int, low: float, high: float) -> dic
 
 
 def _motion(rng: np.random.Generator, center: Array, fastest: float) -> dict[str, Any]:
-    """Draw a constant velocity, a path between points, or a circle, at a fifth of the largest speed or faster."""
+    """Sample a constant velocity, a path between points, or a circle. The speed is a fifth of the largest or more."""
     speed, kind = fastest * rng.uniform(0.2, 1.0), rng.integers(3)
     if kind == 0:
         direction = rng.standard_normal(len(center))
@@ -192,6 +190,6 @@ def _spatial_hands(rng: np.random.Generator, held: Array, x: float) -> Array:
 
 
 def _window(rng: np.random.Generator, x: float, size: Array, thickness: float) -> list[dict[str, Any]]:
-    """Return four boxes that form a wall across x with a window of `size` (y, z)."""
+    """Return boxes of a wall across x with a window. Its size is (y, z)."""
     middle = rng.uniform(0.2 + size / 2, 0.8 - size / 2)
     return wall_boxes(x, thickness, middle - size / 2, middle + size / 2)

@@ -1,11 +1,12 @@
-"""Time of one control step of the safety filter, and of solvers on its quadratic programmes (CBF-QP).
+"""Times of a safety-filter step, and of QP solvers on its programmes.
 
-A payload turns and moves among 4 obstacles that move, spin and come near; the desired velocities change every second.
-A step is `SafetyFilter.allowed` and `advanced`: rows, all rounds of solving, the check of the exact step. Quantiles
-are over all steps, also those in which nothing is admissible because obstacles have closed in, which take longer.
+A payload rotates and moves among 4 obstacles that move, spin and approach; the desired velocities change every
+second. A step is `SafetyFilter.allowed` and `advanced`: rows, all rounds of solving, the check of the exact step.
+Quantiles are over all steps, also those in which nothing is admissible because obstacles have closed in, which take
+longer.
 
-For the solvers the first quadratic programme of every step is recorded and solved alone, from arrays to solution.
-quadprog, proxsuite, piqp and osqp are measured where they are installed.
+For the solvers the first quadratic programme (CBF-QP) of every step is recorded and solved alone, from arrays to
+solution. quadprog, proxsuite, piqp and osqp are measured where they are installed.
 
 To repeat: ``python benchmarks/reaction.py [--steps 20000]``.
 """
@@ -30,7 +31,7 @@ N_RECORDED = 400  # quadratic programmes for the solvers
 
 
 def scene_of(load: str, n_dims: int, acceleration: float | None) -> Scene:
-    """A payload in the middle of a workspace with 4 obstacles."""
+    """Return a payload in the middle of a workspace with 4 obstacles."""
     z = [1.0] * (n_dims - 2)
     hands = {"left": [1.0, 0.85, *z], "right": [1.0, 1.15, *z]}
     carried = {"shape": "bar", "length": 0.3, "radius": 0.01, "held_by": ["left", "right"]}
@@ -66,7 +67,7 @@ def scene_of(load: str, n_dims: int, acceleration: float | None) -> Scene:
 
 
 def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
-    """Times of all steps [s], and the share of steps in which nothing was admissible."""
+    """Return the times of all steps [s], and the inadmissible share."""
     rng, n, n_hands = np.random.default_rng(0), len(scene.obstacles), len(scene.manipulators)
     safety, poses = SafetyFilter(scene, PERIOD), poses_of(scene, "start")
     before, table, after = np.zeros((n_hands, 3)), scene.obstacles.copy(), scene.obstacles.copy()
@@ -94,7 +95,7 @@ def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
 
 
 def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
-    """Quadratic programmes that have a solution and rows, as they come up on a drive."""
+    """Return feasible quadratic programmes with rows, recorded on a drive."""
     found: list[tuple[np.ndarray, ...]] = []
     solve = SafetyFilter._solved
 
@@ -116,7 +117,7 @@ def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
 
 
 def solvers() -> dict[str, Callable[..., np.ndarray]]:
-    """min x'Hx/2 + f x with rows x >= low, by every solver that is installed."""
+    """Return all installed solvers of a quadratic programme. It is min x'Hx/2 + f x with rows x >= low."""
     import daqp
 
     found = {

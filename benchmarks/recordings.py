@@ -1,9 +1,9 @@
-"""Recordings in the layouts of other programs, learned by `comove learn` as anybody would type it.
+"""Recordings of other programs, learned by `comove learn`.
 
 One movement is written in the layouts of trackers, simulators, ROS tools, spreadsheets and scripts. Each file is
 given to `comove learn FILE --out OUT.json` without further options; where that is refused with a command, the command
-is run as it was printed; `HZ` and `UNIT`, which stand there for what the file does not tell, are replaced as somebody
-does who recorded it. What was learned is compared with an independent reading: the numbers that were written, or what
+is run as it was printed; `HZ` and `UNIT`, its placeholders for missing data, are replaced by the true
+values. The learned movement is compared with an independent reading: the numbers that were written, or what
 rosbags, pyarrow and h5py read.
 
 - right: the numbers are those of the file, without options or with the printed command
@@ -13,8 +13,8 @@ rosbags, pyarrow and h5py read.
 
     python benchmarks/recordings.py [--only NAME ...] [--files FOLDER]
 
-With `--files`, the files of a folder are learned instead. Of a text table, each coordinate is looked for among the
-columns of its numbers; of other files, the table shows what was taken.
+With `--files`, the files of a folder are learned instead. Of a text table, each coordinate is searched among the
+columns of its numbers; of other files, the table shows the movement.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ KNOWN = {"HZ": str(RATE), "UNIT": "m"}
 
 @dataclass(frozen=True)
 class Movement:
-    """What a file holds, read without comove: joints have names, hands may turn."""
+    """Content of a file, read without comove. Joints have names, end effectors may have orientations."""
 
     position: Array = field(default_factory=lambda: P)
     turn: Rotation | None = None
@@ -107,7 +107,7 @@ def main() -> None:
 
 
 def own_files(only: Sequence[str]) -> Iterator[tuple[Path, Truth]]:
-    """Write each layout, and yield its file and what it holds."""
+    """Write each layout; yield its file and content."""
     for name, (write, truth) in LAYOUTS.items():
         if only and name not in only:
             continue
@@ -120,7 +120,7 @@ def own_files(only: Sequence[str]) -> Iterator[tuple[Path, Truth]]:
 
 
 def files_of(folder: Path) -> Iterator[tuple[Path, Truth]]:
-    """Yield the recordings of a folder, each with its numbers as far as they can be read without comove."""
+    """Yield the recordings of a folder, with independently read numbers."""
     for path in sorted(folder.iterdir()):
         if not path.name.startswith("."):
             yield path.resolve(), columns_of
@@ -130,7 +130,7 @@ def files_of(folder: Path) -> Iterator[tuple[Path, Truth]]:
 
 
 def judged(path: Path, truth: Truth, known: Mapping[str, str]) -> tuple[str, str]:
-    """Return the verdict about a recording, and what was printed last; `known` is what a person fills in."""
+    """Return the result of a recording, and the last printed output. `known` holds the values of placeholders."""
     out = f"learned-{path.name}.json"
     words = ["comove", "learn", str(path), "--out", out]
     for n_commands in range(MOST_COMMANDS):
@@ -156,13 +156,13 @@ def judged(path: Path, truth: Truth, known: Mapping[str, str]) -> tuple[str, str
 
 
 def said(output: str, out: str) -> str:
-    """Return the line that tells what was taken."""
+    """Return the line on the chosen movement."""
     notes = re.findall(r"(?m)^ +(time (?:from|at) .*)$", output)
     return notes[0] if notes else output.replace(out, "")[-200:]
 
 
 def fault_of(path: Path, words: Sequence[str], truth: Truth) -> str:
-    """Return in what the movement that was learned differs from the truth; "" in nothing."""
+    """Return how the learned movement differs from the truth; else ""."""
     if isinstance(truth, str):
         return "there is no movement in it"
     options: dict[str, Any] = {}
@@ -181,7 +181,7 @@ def fault_of(path: Path, words: Sequence[str], truth: Truth) -> str:
 
 
 def differences(taken: Demonstration, held: Movement) -> str:
-    """Return in what a movement differs from another; "" if in nothing but rounding."""
+    """Return how two movements differ beyond rounding; else ""."""
     if held.axes == ("any",):
         return unknown_columns(taken, held)
     if taken.is_joints != bool(held.axes):
@@ -200,7 +200,7 @@ def differences(taken: Demonstration, held: Movement) -> str:
 
 
 def columns_of(path: Path) -> Movement:
-    """Return all columns of numbers of a text, by splitting its lines at any mark; of other files none."""
+    """Return all columns of numbers of a text. Its lines are split at any mark; other files have none."""
     try:
         text = path.read_bytes().decode() if path.is_file() and path.suffix not in BINARY else ""
     except UnicodeDecodeError:
@@ -215,7 +215,7 @@ def columns_of(path: Path) -> Movement:
 
 
 def unknown_columns(taken: Demonstration, held: Movement) -> str:
-    """Return which coordinates are no column of a text in any unit; "" if all are, or it is no text."""
+    """Return coordinates that are no column of a text in any unit. It is "" if all are, or it is no text."""
     for k, values in enumerate(taken.position.T):
         scales = (1.0, 0.1, 0.01, 1e-3, 1e-6, np.pi / 180)
         are_all = len(values) > len(held.position) - 5  # else rows were left out, or merged
@@ -249,7 +249,7 @@ def rows(*columns: Any, separator: str = ",", comma: bool = False, end: str = "\
 
 
 def line(*names: str, separator: str = ",") -> str:
-    """Return a row of names, some of them of three axes: `pos_{xyz}`, `q{xyzw}`."""
+    """Return a row of names, some of them of three axes. Examples are `pos_{xyz}` and `q{xyzw}`."""
     spelt = []
     for name in names:
         found = re.search(r"\{(\w+)\}", name)
@@ -270,7 +270,7 @@ MOTIVE = (
 
 
 def motive(*bodies: str) -> str:
-    """Return the header of an export of OptiTrack's Motive with rigid bodies."""
+    """Return the header of an OptiTrack Motive export with rigid bodies."""
     each = len(bodies)
     return MOTIVE + "".join(
         (
@@ -485,12 +485,12 @@ LAYOUTS |= {
 
 
 def archive(**arrays: Any) -> Callable[[Path], None]:
-    """Return a function that writes an archive of NumPy."""
+    """Return a function that writes a NumPy archive."""
     return lambda path: np.savez(path, **arrays)
 
 
 def hdf5(datasets: Mapping[str, Any], **attributes: Any) -> Callable[[Path], None]:
-    """Return a function that writes datasets; attributes belong to the file, `env_args` to the group `data`."""
+    """Return a function that writes datasets. Attributes belong to the file, `env_args` to the group `data`."""
 
     def write(path: Path) -> None:
         with h5py.File(path, "w") as file:
@@ -514,7 +514,7 @@ def of_hdf5(key: str, turn: Callable[[h5py.File], Rotation] | None = None, rate:
 
 
 def lerobot(values: Array, names: Any, feature: str = "observation.state") -> Callable[[Path], None]:
-    """Return a function that writes a dataset of one episode at 50 frames a second."""
+    """Return a function that writes an episode's dataset at 50 Hz."""
 
     def write(path: Path) -> None:
         n, width = values.shape
@@ -542,7 +542,7 @@ def lerobot(values: Array, names: Any, feature: str = "observation.state") -> Ca
 
 
 def of_parquet(n: int, order: Sequence[int] = (), axes: tuple[str, ...] = (), scale: float = 1.0) -> Truth:
-    """Return a function that reads the first `n` columns, and quaternions x y z w in four others."""
+    """Return a function that reads the first `n` columns. Four others are quaternions x y z w."""
 
     def read(path: Path) -> Movement:
         table = pyarrow.parquet.read_table(path / "data/chunk-000/episode_000000.parquet")
@@ -615,7 +615,7 @@ def odometry(i: int) -> Any:
 
 
 def joints(i: int) -> Any:
-    """Return the joints at a sample, in another order at every second one."""
+    """Return the joints at a sample, every second one reordered."""
     order = [0, 1, 2] if i % 2 == 0 else [1, 0, 2]
     none = np.empty(0)
     return message(
@@ -661,7 +661,7 @@ def ros1(path: Path) -> None:
 
 
 def of_bag(pick: Callable[[Any], Any]) -> Truth:
-    """Return a function that reads the poses of a bag by the library's reader of any bag."""
+    """Return a function that reads a bag's poses by rosbags."""
 
     def read(path: Path) -> Movement:
         stamps, found = [], []
@@ -681,7 +681,7 @@ def of_bag(pick: Callable[[Any], Any]) -> Truth:
 
 
 def json_mcap(path: Path) -> None:
-    """Write poses as JSON messages of the schemas that Foxglove defines."""
+    """Write poses as JSON messages of Foxglove's schemas."""
     from mcap.writer import Writer
 
     with open(path, "wb") as file:

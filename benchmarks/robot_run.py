@@ -1,13 +1,13 @@
-"""Robots carry their load in MuJoCo while balls fly through their workspace, or a person walks by, and are judged.
+"""Robots in MuJoCo among flying balls or a walking person.
 
     python benchmarks/robot_run.py                          # 20 scenes with balls for each robot
     python benchmarks/robot_run.py --people                 # 20 with a person
     python benchmarks/robot_run.py --scenes 5 --seed 1200 --robots gap_30
 
-Balls of 16 cm fly straight, at 0.2 to 0.5 m/s, through a random point near the middle of the workspace, while the
-carry is under way. A person, trunk, head and one arm, walks at that speed along the side of the workspace that is
-opposite to the robot, and reaches up to 35 cm over it. Much of this cannot be dodged, as it goes through a shoulder:
-a scene counts as *witnessed* where somebody who knows the future finds a way; the others have no known one.
+Balls of 16 cm fly straight, at 0.2 to 0.5 m/s, through a random point near the middle of the workspace during the
+transfer motion. A person, trunk, head and one arm, walks at that speed along the side of the workspace that is
+opposite to the robot, and reaches up to 35 cm over it. Much of this cannot be evaded, as it crosses a shoulder: a
+scene counts as *witnessed* where a planner that knows the future finds a path; the others have no known one.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ KEPT = 0.005  # m, that a witness keeps from what moves, by capsules of links
 
 
 def drawn(name: str, seed: int, people: bool) -> Scene:
-    """An example with one to three balls that fly through its workspace, or a person who walks by."""
+    """Sample an example with flying balls, or a walking person. There are one to three balls."""
     data = yaml.safe_load(next(EXAMPLES.rglob(f"{name}.yaml")).read_text(encoding="utf-8"))
     rng = np.random.default_rng(seed)
     workspace = np.array([data["workspace"][key] for key in ("lower", "upper")])
@@ -56,7 +56,7 @@ def drawn(name: str, seed: int, people: bool) -> Scene:
 
 
 def ball(workspace: Array, rng: np.random.Generator) -> list[dict]:
-    """A ball that flies through the middle of the workspace, give or take a quarter."""
+    """Sample a ball that flies through the workspace's middle half."""
     lower, upper = workspace
     middle = 0.5 * (lower + upper) + rng.uniform(-0.25, 0.25, 3) * (upper - lower) + [0.0, 0.0, 0.1]
     angle, speed, when = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.2, 0.5), rng.uniform(3.0, 6.0)
@@ -65,7 +65,7 @@ def ball(workspace: Array, rng: np.random.Generator) -> list[dict]:
 
 
 def person(workspace: Array, rng: np.random.Generator) -> list[dict]:
-    """A person who walks along the far side of the workspace, and reaches over it."""
+    """Sample a person who walks along and reaches over the workspace."""
     lower, upper = workspace
     reached, height = rng.uniform(0.0, 0.35), rng.uniform(lower[2] + 0.1, upper[2] + 0.1)
     speed, when, side = rng.uniform(0.2, 0.5), rng.uniform(3.0, 6.0), rng.choice([-1.0, 1.0])
@@ -84,17 +84,15 @@ def person(workspace: Array, rng: np.random.Generator) -> list[dict]:
 
 
 def moving(middle: Array, velocity: Array, when: float) -> dict:
-    """The keys of an obstacle that goes straight, and is at a point `when` [s] after the beginning."""
+    """Return the keys of an obstacle in straight motion. It is at a point `when` [s] after the beginning."""
     way = [(middle + shift * velocity).round(4).tolist() for shift in (-when, LONGEST)]
     return {"center": way[0], "motion": {"waypoints": way, "times": [0.0, LONGEST + when]}}
 
 
 def witness(executor: JointExecutor, seed: int) -> MotionReference | None:
-    """Return a motion from the start that keeps clear of all that moves, or None if none is found.
-
-    Its planner knows where that will be: it is the best course of a roadmap that is three times as dense as the
-    executor's, over all the time in which something is near, and looked at anew 50 times in a second.
-    """
+    """Return a motion from the start clear of all obstacles, or None. Its planner knows their future: it is the best
+    candidate of a roadmap that is three times as dense as the executor's, over the whole time with near obstacles,
+    replanned 50 times a second."""
     pilot, scene = executor.pilot, executor.scene
     courses = pilot.settings.courses
     settings = replace(
@@ -124,7 +122,7 @@ def witness(executor: JointExecutor, seed: int) -> MotionReference | None:
 
 @numba.njit
 def nearest(bodies: Places, seen: Sighting, times: Array) -> float:
-    """Return the least distance of capsules, one sample for each instant, from what moves straight on [m]."""
+    """Return sampled capsules' least distance from straight-moving obstacles [m]."""
     least, here = np.inf, seen.table.copy()
     for t in range(times.shape[0]):
         here[:, CENTER : CENTER + 3] = seen.table[:, CENTER : CENTER + 3] + times[t] * seen.velocity
@@ -137,7 +135,7 @@ def nearest(bodies: Places, seen: Sighting, times: Array) -> float:
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="seed of the first scene")

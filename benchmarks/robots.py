@@ -1,4 +1,4 @@
-"""Robots carry the load: every example solved with several seeds, approached from home and left, played in MuJoCo.
+"""Robot examples, solved with several seeds and played in MuJoCo.
 
     python benchmarks/robots.py                          # all of it
     python benchmarks/robots.py --seeds 3 --only solve   # less of it
@@ -14,7 +14,7 @@ Distances of the hands are computed by Pinocchio from the joints alone.
 
 Scenes in which obstacles move are drawn around a motion of the joints, the witness, which the verification accepts:
 one or two obstacles cross the straight motion when the payload is there, stay until then and leave, or go in circles.
-Links are judged once more by dense sampling on the raw URDFs (tests/robots/raw_links.py).
+Links are checked once more by dense sampling on the raw URDFs (tests/robots/raw_links.py).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ N_PERTURBED = 20
 
 @lru_cache
 def robot_of(path: Path) -> Robot:
-    """The robot of a scene, ready: its meshes are read, its links are known, and its kernels are compiled."""
+    """Return a scene's robot with meshes, links and kernels loaded."""
     scene = Scene.load(path)
     robot = robot_of_drawn(scene)
     load_robot_kernels(SceneKind.of(scene))
@@ -86,7 +86,7 @@ def robot_of(path: Path) -> Robot:
 
 
 def solved(path: Path, seed: int, timed: bool = True) -> tuple[VerifiedJointMotion | None, dict[str, float]]:
-    """One run from the file, in the duration that it gives or in an open one, and what was measured."""
+    """Solve a file; return the motion and its measures. The duration is that of the file, or open."""
     robot = robot_of(path)
     begun, used, first = time.perf_counter(), time.process_time(), [np.nan, np.nan]
 
@@ -118,11 +118,11 @@ def solved(path: Path, seed: int, timed: bool = True) -> tuple[VerifiedJointMoti
 
 
 class _Heard(Exception):
-    """A first joint motion is verified; the rest of a search is not wanted."""
+    """Signal that a first joint motion is verified."""
 
 
 def table_of_firsts(scenes: list[Path], seeds: range) -> None:
-    """Print a row a scene: medians of processor time to the first verified joint motion, and of verifying it [ms]."""
+    """Print median processor times to the first verified motion [ms]."""
     print_head(
         ["scene", "motion lasts [s]", "scene read", "first motion", "its verification", "with tight bounds"]
     )
@@ -156,7 +156,7 @@ def table_of_firsts(scenes: list[Path], seeds: range) -> None:
 
 
 class Stages:
-    """Processor time spent in each of some functions, less what others among them spend within."""
+    """Exclusive processor time of functions. Time within others among them does not count."""
 
     def __init__(self) -> None:
         self.spent, self._within, self._since = Counter[str](), ["rest"], time.process_time()
@@ -168,7 +168,7 @@ class Stages:
 
     @contextmanager
     def within(self, stage: str) -> Iterator[None]:
-        """Count what is spent inside towards a stage."""
+        """Count the time inside towards a stage."""
         self._turn()
         self._within.append(stage)
         try:
@@ -217,7 +217,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
 
 
 def counted(stages: Stages) -> None:
-    """Replace the functions of all stages by ones whose time is counted."""
+    """Replace the functions of all stages by timed ones."""
     for stage, places in STAGES.items():
         for place, name in places:
             function = vars(place)[name]
@@ -232,7 +232,7 @@ def counted(stages: Stages) -> None:
 
 
 def table_of_stages(scenes: list[Path], seeds: range) -> None:
-    """Print a row a scene: medians of processor time of the stages before the first verified joint motion [ms]."""
+    """Print stages' median processor times before the first verified motion [ms]."""
     stages = Stages()
     counted(stages)
     names = [*STAGES, "rest"]
@@ -262,7 +262,7 @@ def table_of_stages(scenes: list[Path], seeds: range) -> None:
 
 
 def distance_error(robot: Robot, scene: Scene, joints: np.ndarray) -> float:
-    """Largest departure of the hands' distances from what they are at the start, at all samples [m]."""
+    """Return the largest change of the end effectors' distances [m]."""
     arms = [robot.arm(name) for name in scene.manipulators]
     hands = np.array([[robot.tool_pose(q, arm)[:3, 3] for arm in arms] for q in joints])
     apart = np.linalg.norm(hands[:, :1] - hands[:, 1:], axis=-1)
@@ -273,7 +273,7 @@ def distance_error(robot: Robot, scene: Scene, joints: np.ndarray) -> float:
 def table_of_solves(
     scenes: list[Path], seeds: range, timed: bool
 ) -> Iterator[tuple[Path, VerifiedJointMotion]]:
-    """Print a row a scene; gives the motion of the first seed."""
+    """Print a row a scene; yield the motion of the first seed."""
     print_head(
         [
             *("scene", "verified", "first [s]", "of the processor", "all [s]", "of the processor"),
@@ -303,7 +303,7 @@ def table_of_solves(
 
 
 def row(name: str, execution) -> None:
-    """Print what a simulation measured."""
+    """Print a simulation's measures."""
     m = execution.measures
     slip = "-" if m["slip_max"] is None else f"{1e3 * m['slip_max']:.2f}"
     print_row(
@@ -355,7 +355,7 @@ def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> Non
 
 
 def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
-    """Print a row a scene: whether a way from home to the grasp, and one home, was found and passed verification."""
+    """Print a row a scene on approach and release. It shows whether each was found and verified."""
     ways_last = "approach lasts [s]", "release lasts [s]"
     print_head(["from home and back", "found", "of the processor [s]", *ways_last, "why not"])
     for path, motion in motions:
@@ -371,10 +371,10 @@ def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
 
 
 class MovingDraft(RobotDraft):
-    """A scene that is being drawn, whose obstacles move and block the straight motion."""
+    """Sampled scene whose obstacles move and block the straight motion."""
 
     def obstructed(self, witness: JointWitness) -> bool:
-        """Add obstacles; return False if there is no room for them, or the straight motion is still possible."""
+        """Add obstacles; return whether they fit and block the straight motion."""
         straight = CoordinatedMotion.straight(Scene.from_dict(self.data()))
         swept, n_moving = witness.motion(straight.scene), int(self.rng.integers(1, 3))
         for _ in range(n_moving):
@@ -386,7 +386,7 @@ class MovingDraft(RobotDraft):
         return bool(verify(straight.on(Scene.from_dict(self.data()))).reasons)
 
     def _moves(self, motion: CoordinatedMotion, witness: JointWitness) -> bool:
-        """Add an obstacle that meets a motion at some time, and not the witness."""
+        """Add an obstacle that crosses a motion, and not the witness."""
         duration, rng = self.difficulty.duration, self.rng
         for _ in range(4 * self.difficulty.tries):
             when = float(rng.uniform(0.25, 0.75))
@@ -422,7 +422,7 @@ class MovingDraft(RobotDraft):
 
 
 def drawn_moving(number: int, seed: int, difficulty: RobotDifficulty) -> Scene:
-    """Draw a scene with moving obstacles that a witness proves to be feasible."""
+    """Sample a scene with moving obstacles, proved feasible by a witness."""
     places = [WORKPLACES[name] for name in ("baxter", "two_pandas", "two_ur10", "ur5_and_panda")]
     rng = np.random.default_rng([seed, number])
     while True:
@@ -433,7 +433,7 @@ def drawn_moving(number: int, seed: int, difficulty: RobotDifficulty) -> Scene:
 
 
 def links_apart(robot: Robot, scene: Scene, joints: JointMotion, rate: float = 100.0) -> float:
-    """Least distance of links from obstacles as these move, by dense sampling on the raw URDFs [m]."""
+    """Return the least sampled distance of links from moving obstacles [m]. It uses the raw URDFs."""
     from tests.robots.raw_links import RawLinks
 
     time = np.linspace(0.0, joints.duration, int(rate * joints.duration) + 1)
@@ -443,7 +443,7 @@ def links_apart(robot: Robot, scene: Scene, joints: JointMotion, rate: float = 1
 
 
 def table_of_moving(count: int, seed: int, difficulty: RobotDifficulty) -> None:
-    """Draw scenes with moving obstacles, solve and play them, and print a row each."""
+    """Sample, solve and play moving scenes; print a row each."""
     print_head(
         ["scene", "verified", "first [s]", "all [s]", "stated [mm]", "sampled [mm]", "delivered", "why not"]
     )
@@ -479,7 +479,7 @@ def table_of_moving(count: int, seed: int, difficulty: RobotDifficulty) -> None:
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0, help="the first one")

@@ -1,14 +1,14 @@
-"""Acceleration and jerk of robots' joints, beside TOPP-RA (toppra) on the same paths, in one run.
+"""Acceleration and jerk of robots' joints, beside TOPP-RA (toppra).
 
     pip install 'comove[bench]'
     python benchmarks/robots_pacing.py                           # 5 scenes of `comove bench`, one for each robot
     python benchmarks/robots_pacing.py --set robots-extreme --scenes 20
 
-Every scene is solved twice: in its duration, and as fast as hands and joints can. The joints' path of the second
-motion is then timed by TOPP-RA, which knows the joints' limits of velocity and acceleration; hands' limits, torques
-and the law of motion are comove's alone, so it may be slower. Acceleration and jerk are root mean squares over all
-joints that move, for unit duration, so that pace does not count; the jerk's largest value is at the motion's own
-pace, from 20,000 samples.
+Every scene is solved twice: in its duration, and as fast as end effectors and joints can. The joints' path of the
+second motion is then timed by TOPP-RA, with the joints' limits of velocity and acceleration; end effectors' limits,
+torques and the law of motion are comove's alone, so it may be slower. Acceleration and jerk are root mean squares
+over all joints that move, for unit duration, so that pace does not count; the jerk's largest value is at the motion's
+own pace, from 20,000 samples.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def seen(curve: Any, duration: float, columns: Array) -> tuple[float, ...]:
-    """Return duration, acceleration and jerk for unit duration, and the largest jerk, of a curve of joints."""
+    """Return duration, unit-duration acceleration and jerk, and the largest jerk."""
     time = np.linspace(0.0, duration, N_SEEN)
     acceleration = curve(time, 2)[:, columns]
     jerk = np.diff(acceleration, axis=0) / time[1]

@@ -1,4 +1,4 @@
-"""Robots carry a bar among obstacles: comove beside RoboPlan, OMPL (with Pinocchio and coal) and Drake.
+"""Robots with a bar among obstacles: comove, RoboPlan, OMPL and Drake.
 
     pip install 'comove[bench]'
     python benchmarks/robots_peers.py robots-easy --count 5        # the first of a frozen set, each robot in turn
@@ -7,16 +7,17 @@
     python benchmarks/robots_peers.py drawn --systems comove OMPL
 
 Every system gets the pairs of joints at start and goal that comove works with, the likeliest first, two seconds for
-each pair, and ten for a scene. The load hangs on the first hand, the second is held to it, both stay level and in the
-workspace: `robots_peers_roboplan.py`, `robots_peers_ompl.py` and `robots_peers_drake.py` say how each is told.
+each pair, and ten for a scene. The payload is fixed to the first end effector, the second is constrained to it, both
+stay level and in the workspace: `robots_peers_roboplan.py`, `robots_peers_ompl.py` and `robots_peers_drake.py` define
+each problem.
 
-Results are judged alike, by Pinocchio and coal at 1000 samples: no contact of exact bodies, limits of joints, the
-load in its workspace within 5 mm, and hands within 1 mm and 5 mrad of the load, RoboPlan's own tolerance. comove
-solves every scene twice, once on these terms, where bodies may nearly touch, and once with the scene's clearance;
-both are verified besides, for every instant and in the scene's duration.
+Results are verified alike, by Pinocchio and coal at 1000 samples: no contact of exact bodies, limits of joints, the
+payload in its workspace within 5 mm, and end effectors within 1 mm and 5 mrad of the payload, RoboPlan's own
+tolerance. comove solves every scene twice, once on these terms, where bodies may nearly touch, and once with the
+scene's clearance; both are verified besides, for every instant and in the scene's duration.
 
-The second table (`--alone`) is what RoboPlan was made for: one arm goes from one end to the other, without a load or
-a constraint. Times and budgets are of the processor, in seconds, but for RoboPlan's two seconds; acceleration and
+The second table (`--alone`) is what RoboPlan was made for: one arm moves from one end to the other, without a payload
+or a constraint. Times and budgets are of the processor, in seconds, but for RoboPlan's two seconds; acceleration and
 jerk are root mean squares over all joints for a motion of unit duration, so that pace does not count.
 """
 
@@ -49,12 +50,12 @@ System = Callable[[Terms, int], Outcome]
 
 
 def by_comove(terms: Terms, seed: int) -> Outcome:
-    """Solve a scene with comove, where bodies may nearly touch."""
+    """Solve a scene with comove, almost without clearance."""
     return carried(terms.scene.limited(clearance=0.0), terms.robot, seed)
 
 
 def with_clearance(terms: Terms, seed: int) -> Outcome:
-    """Solve a scene with comove, its clearance kept."""
+    """Solve a scene with comove, with its clearance."""
     return carried(terms.scene, terms.robot, seed)
 
 
@@ -85,14 +86,14 @@ SYSTEMS: dict[str, System] = {
 
 
 def sizes(joints: Array) -> tuple[float, float]:
-    """Return root mean squares of acceleration and jerk over all joints, in unit duration."""
+    """Return RMS acceleration and jerk of all joints in unit duration."""
     step = 1.0 / (len(joints) - 1)
     second, third = (np.diff(joints, order, axis=0) / step**order for order in (2, 3))
     return float(np.sqrt((second**2).mean())), float(np.sqrt((third**2).mean()))
 
 
 def alone(terms: Terms, seed: int) -> list[tuple[float, bool]]:
-    """Move the first arm from one end to the other without a load: time and success of comove and RoboPlan."""
+    """Move the first arm without a payload by comove and RoboPlan. Return time and success of both."""
     (start, goal), arm, known = terms.ends[0], terms.arms[0], terms.bodies
     goal = np.where(np.isin(np.arange(len(start)), arm.columns), goal, start)
     keep = known.kind != LOAD
@@ -117,13 +118,13 @@ def alone(terms: Terms, seed: int) -> list[tuple[float, bool]]:
 
 
 def median(values: list[float]) -> str:
-    """Return the median of what is known, in words."""
+    """Return the median of finite values as text."""
     known = [value for value in values if np.isfinite(value)]
     return f"{np.median(known):.3g}" if known else "-"
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="+", help="a frozen set, or a folder of scenes")
     parser.add_argument("--count", type=int, help="of each set, so many; all unless given")

@@ -1,7 +1,7 @@
-"""Drake: `KinematicTrajectoryOptimization`, a B-spline through all joints; what hands hold is asked at instants.
+"""Drake's `KinematicTrajectoryOptimization` on robots: a B-spline of joints.
 
-Links are the convex hulls of their bodies, as Drake takes meshes. As its tutorials advise, the straight way in joints
-is bent until the hands hold the load, then until nothing touches; SNOPT does both. A spline meets no more equations
+Links are the convex hulls of their bodies, as in Drake. As its tutorials advise, the straight path in joints
+is bent until the grasps hold, then until nothing touches; SNOPT does both. A spline meets no more equations
 than it has unknowns, so there are fewer instants than control points, and a band that is part of what is tolerated.
 These numbers were chosen on the first ten scenes of `robots-hard`.
 """
@@ -62,7 +62,7 @@ FRICTION = CoulombFriction(0.5, 0.5)  # Drake wants it, nothing uses it
 
 
 class Carry:
-    """A scene as Drake sees it, for one pair of joints at its ends."""
+    """Drake's model of a scene, for one pair of end joints."""
 
     def __init__(self, terms: Terms):
         self.terms = terms
@@ -118,7 +118,7 @@ class Carry:
         return found
 
     def _filter(self, scene_graph: Any, sets: dict[str, list[Any]], around: list[Any]) -> None:
-        """Let only those bodies collide that the other systems compare."""
+        """Restrict collisions to the bodies compared by other systems."""
         every = [geometry for group in sets.values() for geometry in group] + around
         filters = scene_graph.collision_filter_manager()
         filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(every)))
@@ -131,7 +131,7 @@ class Carry:
         filters.Apply(allowed)
 
     def held(self, first: Array) -> list[Any]:
-        """Return the constraints of the hands, as they are at joints of the whole robot."""
+        """Return the grasp constraints as at given joints of the robot."""
         terms, plant, at = self.terms, self.plant, self.at
         poses = [terms.robot.tool_pose(first, arm) for arm in terms.arms]
         a, b = (plant.GetFrameByName(f"grasp_{arm.name}") for arm in terms.arms)
@@ -152,13 +152,13 @@ class Carry:
         ]
 
     def _held_point(self, a: Any, b: Any, between: Array, point: Array) -> Any:
-        """Return the constraint that a point of the second hand stays where it is in the first."""
+        """Return the constraint of a second-hand point in the first's frame."""
         there = between[:3, :3] @ point + between[:3, 3]
         band = BAND * TOLERANCE[0] / np.sqrt(3)
         return PositionConstraint(self.plant, a, there - band, there + band, b, point, self.at)
 
     def solve(self, first: Array, last: Array, until: float) -> Array | None:
-        """Return joints at even times, array, shape (N_SAMPLES, n_joints), None where SNOPT finds none in time."""
+        """Return joints at even times, or None if SNOPT fails. Array, shape (N_SAMPLES, n_joints)."""
         robot, back = self.terms.robot, np.argsort(self.order)
         n, ends, s = len(back), (first[back], last[back]), np.linspace(0.0, 1.0, N_CONTROL)
         guess = ends[0][:, None] + (ends[1] - ends[0])[:, None] * (s**2 * (3 - 2 * s))
@@ -203,11 +203,11 @@ class Carry:
 
 
 class OutOfTime(Exception):
-    """Signals that a budget is used up."""
+    """Signal that a budget is used up."""
 
 
 def shape_of(geometry: Any) -> Any:
-    """Return a body of coal as Drake's: a primitive, or the hull of a mesh."""
+    """Return a body of coal as Drake's primitive or hull."""
     match type(geometry).__name__:
         case "Box":
             return Box(*(2.0 * np.array(geometry.halfSide)))
@@ -224,7 +224,7 @@ def shape_of(geometry: Any) -> Any:
 
 
 def by_drake(terms: Terms, _: int) -> Outcome:
-    """Solve a scene with Drake, which draws nothing at random."""
+    """Solve a scene with Drake, without random numbers."""
     logging.getLogger("drake").setLevel(logging.ERROR)  # parts of URDFs that it does not know
     carry = Carry(terms)  # a model is the robot's, and not a search's
     begun = time.process_time()

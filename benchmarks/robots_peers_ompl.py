@@ -1,12 +1,12 @@
-"""OMPL with Pinocchio and coal: KPIECE on the manifold of joints whose hands hold the load level.
+"""OMPL with Pinocchio and coal: KPIECE on the grasp manifold.
 
-OMPL reaches the manifold by projection: steps of Newton's method on the error of the second hand in the first, and on
-the tilt of the first. States, errors and contacts are asked for in Python; its users wait for that too. The path is
-shortened by OMPL, and timed by TOPP-RA (`toppra`).
+The end effectors hold the payload level. OMPL reaches the manifold by projection: steps of Newton's method on the
+error of the second end effector in the first, and on the tilt of the first. States, errors and contacts are computed
+in Python, as for any of its users. The path is shortened by OMPL, and timed by TOPP-RA (`toppra`).
 
-RRT-Connect, which interpolates towards states drawn in the whole space, finds no way along this manifold to most of
-them: its trees did not grow. KPIECE draws near the states that it has. It and its range were chosen on the first ten
-scenes of `robots-hard`.
+RRT-Connect, which interpolates towards states sampled in the whole space, finds no path along this manifold to most
+of them: its trees did not grow. KPIECE samples near the states that it has. It and its range were chosen on the
+first ten scenes of `robots-hard`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,9 @@ SIMPLIFYING = 1.0  # s, at most
 
 
 class Held(ob.Constraint):  # type: ignore[misc, name-defined]
-    """Two hands on one load that stays level, as they are at the joints of the start, and in the workspace.
-
-    Six equations hold the second hand in the first, two keep it level, and one is how far both are outside of where
-    hands may be, so that projections come back there.
-    """
+    """Constraint of two end effectors on a level payload. Six equations hold the second end effector in the first as
+    at the start, two keep the payload level, and one is the distance of both outside their workspace, so that
+    projections return to it."""
 
     def __init__(self, terms: Terms, start: Array):
         super().__init__(len(terms.columns), N_EQUATIONS, HELD)
@@ -59,14 +57,14 @@ class Held(ob.Constraint):  # type: ignore[misc, name-defined]
         return [self.data.oMf[frame] * tool for frame, tool in zip(self.frames, self.tools, strict=True)]
 
     def function(self, x: Array, out: Array) -> None:
-        """Write the errors of the hands [m, rad]."""
+        """Write the errors of the end effectors [m, rad]."""
         first, second = self._hands(x)
         out[:6] = pin.log6(self.apart * first.actInv(second)).vector
         out[6:8] = (first.rotation @ self.up)[:2]
         out[8] = np.linalg.norm(self._outside(first, second))
 
     def _outside(self, first: Any, second: Any) -> Array:
-        """Return how far the hands are beyond where they may be; array, shape (2, 3) [m]."""
+        """Return the end effectors' distances outside their workspace [m]. Array, shape (2, 3)."""
         at = np.stack([first.translation, second.translation])
         return np.maximum(at - self.terms.upper, 0.0) + np.minimum(at - self.terms.lower, 0.0)
 
@@ -130,7 +128,7 @@ class Planning:
         return np.array([state[i] for i in range(len(self.lower))])
 
     def is_free(self, x: Array) -> bool:
-        """Return whether joints are within their limits, the load in its workspace, and nothing touches."""
+        """Return whether joints are within limits, workspace and clearances."""
         if (x < self.lower).any() or (x > self.upper).any():
             return False
         self.q[self.terms.columns] = x
@@ -140,19 +138,19 @@ class Planning:
         return bool(inside) and not self.terms.contacts.touch(self.q, (hands[0] @ self.on_hand)[:3].T)
 
     def solve(self, seconds: float) -> bool:
-        """Plan for at most so long [s of the processor]; return whether there is a path."""
+        """Plan for at most `seconds` of processor time; return success."""
         until = time.process_time() + seconds
         self.planner.solve(ob.PlannerTerminationCondition(lambda: time.process_time() > until))
         return bool(self.wanted.hasExactSolution())
 
     def path(self) -> Array:
-        """Return the present path, filled up along the manifold; array, shape (n_states, n)."""
+        """Return the current path, interpolated along the manifold. Array, shape (n_states, n)."""
         path = og.PathGeometric(self.wanted.getSolutionPath())
         path.interpolate()
         return np.array([self.read(state) for state in path.getStates()])
 
     def simplify(self) -> None:
-        """Shorten the present path."""
+        """Shorten the current path."""
         og.PathSimplifier(self.information).simplify(self.wanted.getSolutionPath(), SIMPLIFYING)
 
 

@@ -1,7 +1,7 @@
-"""RoboPlan: RRT-Connect under constraints of poses, the second hand held to the first, and its own TOPP-RA.
+"""RoboPlan: RRT-Connect under pose constraints, with its own TOPP-RA.
 
-Of three steps between checked states (0.05, 0.02 and 0.01 rad) the largest of the best was taken, on the first ten
-scenes of `robots-easy` and of `robots-hard`.
+The second end effector is constrained to the first. Of three steps between checked states (0.05, 0.02 and 0.01 rad)
+the largest of the best was used, on the first ten scenes of `robots-easy` and of `robots-hard`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ STEP = 0.02  # rad, between states that are checked
 
 
 class RoboPlan:
-    """A scene as RoboPlan sees it: one URDF of all models, the load on the first hand unless left out."""
+    """RoboPlan's model of a scene: one URDF of all models. The payload is on the first end effector unless left
+    out."""
 
     def __init__(self, terms: Terms, *, loaded: bool):
         self.terms, robot = terms, terms.robot
@@ -69,7 +70,8 @@ class RoboPlan:
                 known.append(name)
 
     def constraints(self, q: Array) -> list[PoseConstraint]:
-        """Return what holds the second hand to the first, and the first level, as they are at joints q."""
+        """Return the pose constraints of both end effectors at joints q. The second is fixed to the first, and the
+        first stays level."""
         terms = self.terms
         poses = [terms.robot.tool_pose(q, arm) for arm in terms.arms]
         frames = [f"grasp_{arm.name}" for arm in terms.arms]
@@ -90,7 +92,7 @@ class RoboPlan:
     def plan(
         self, group: str, start: Array, goal: Array, seed: int, constraints: list[PoseConstraint]
     ) -> Any:
-        """Return a path of a group of joints, None where there is none within the time for one pair."""
+        """Return a path of a group of joints, or None. It has the time for one pair of ends."""
         options = RRTOptions(
             group_name=group,
             max_nodes=40_000,
@@ -121,7 +123,7 @@ class RoboPlan:
 
 
 def parts_of(obstacle: Any) -> Iterator[tuple[str, Any, Array]]:
-    """Yield an obstacle's shapes that RoboPlan knows, and their poses; a capsule is a cylinder with two balls."""
+    """Yield an obstacle's shapes supported by RoboPlan, and their poses. A capsule is a cylinder with two balls."""
     at = pose_of(obstacle)
     match obstacle.shape:
         case "box":

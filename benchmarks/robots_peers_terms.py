@@ -1,7 +1,7 @@
-"""What a carry by two arms has to keep, on terms that are the same for every peer, and the judge of its results.
+"""Requirements of two-arm transfer motions for all peers, and their verification.
 
-The load hangs on the first hand, the second hand is held to the first, and both stay as level as they are at the
-start. Kinematics are Pinocchio's, contacts coal's.
+The payload is fixed to the first end effector, the second is constrained to the first, and both stay as level as
+they are at the start. Kinematics are Pinocchio's, contacts coal's.
 """
 
 from __future__ import annotations
@@ -37,11 +37,9 @@ N_SAMPLES = 1000
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a system found: joints at even times in unit duration, shape (N_SAMPLES, n_joints), None where nothing.
-
-    `first` is the time to the first valid path, `whole` to the result [s of the processor]; `verified` whether
-    comove's own verification holds.
-    """
+    """Result of a system: joints at even times in unit duration. They have the shape (N_SAMPLES, n_joints), and are
+    None without a result. `first` is the time to the first valid path, `whole` to the result [s of the processor];
+    `verified` whether comove's own verification succeeds."""
 
     joints: Array | None
     first: float
@@ -50,14 +48,14 @@ class Outcome:
 
 
 class Terms:
-    """A scene as peers see it: what hands, load and bodies have to keep.
+    """Scene as a problem for peers.
 
     Attributes
     ----------
-    arms : the two arms that hold the load
+    arms : the two arms that hold the payload
     columns : array, shape (n_free,), their joints among the robot's
-    ends : pairs of joints of the whole robot at start and goal, those that comove works with, the likeliest first
-    lower, upper : arrays, shape (3,), where hands may be so that the load stays in its workspace [m]
+    ends : pairs of joints of the whole robot at start and goal, the solutions of comove, the likeliest first
+    lower, upper : arrays, shape (3,), range of end effectors that keeps the payload in its workspace [m]
     """
 
     def __init__(self, scene: Scene, robot: Robot, carrier: RobotCarrier):
@@ -70,13 +68,13 @@ class Terms:
         self.lower, self.upper = scene.lower + inset, scene.upper - inset
 
     def whole(self, q: Array) -> Array:
-        """Return the joints of the whole robot from those of its free ones; array, shape (n_joints,)."""
+        """Return the joints of the whole robot, shape (n_joints,)."""
         whole = self.robot.home
         whole[self.columns] = q
         return whole
 
     def load_on_hand(self, q: Array) -> Array:
-        """Return the load's nodes in the first hand, for joints at the start; array, shape (4, n_nodes) [m]."""
+        """Return payload nodes in the first end effector, (4, n_nodes) [m]."""
         nodes = self.scene.nodes_at("start").T
         return np.linalg.inv(self.robot.tool_pose(q, self.arms[0])) @ np.vstack(
             [nodes, np.ones(nodes.shape[1])]
@@ -84,19 +82,19 @@ class Terms:
 
     @cached_property
     def bodies(self) -> Bodies:
-        """Return the exact bodies of robot, obstacles and load."""
+        """Return the exact bodies of robot, obstacles and payload."""
         carried = Carried(CoordinatedMotion.straight(self.scene))
         bases = Bases(self.robot, self.robot.description.uncertainty)
         return bodies_of(bases, self.arms, carried, self.scene.start[None], 0.0)
 
     @cached_property
     def contacts(self) -> Contacts:
-        """Return what asks coal about contacts."""
+        """Return the contact queries of coal."""
         return Contacts(self.bodies)
 
 
 class Contacts:
-    """Contacts of the bodies of a robot, its load and obstacles: hulls of meshes are asked about first."""
+    """Contacts of the bodies of robot, payload and obstacles. Hulls of meshes are checked first."""
 
     def __init__(self, known: Bodies):
         self.known, self.geometry = known, known.geometry.copy()
@@ -114,7 +112,7 @@ class Contacts:
                 pairs.deactivateCollisionPair(number)
 
     def touch(self, q: Array, nodes: Array) -> bool:
-        """Return whether anything touches; q (n_joints,), nodes of the load (n_nodes, 3) [m]."""
+        """Return whether anything touches. The shapes are q (n_joints,), nodes of the payload (n_nodes, 3) [m]."""
         return self._any(self.rough, q, nodes) and self._any(self.exact, q, nodes)
 
     def _any(self, pairs: Any, q: Array, nodes: Array) -> bool:
@@ -126,7 +124,7 @@ class Contacts:
 
 
 def flaws(terms: Terms, joints: Array) -> str:
-    """Return what is wrong with a carry at its samples, in words; empty where all is well."""
+    """Return a motion's violations at its samples in words, if any."""
     scene, robot, arms = terms.scene, terms.robot, terms.arms
     nodes, off = terms.load_on_hand(joints[0]), np.zeros(2)
     held = [robot.tool_pose(joints[0], arm) for arm in arms]
@@ -166,7 +164,7 @@ def placed(base: Placement) -> Array:
 
 
 def pose(position: Any, quaternion_wxyz: Any) -> Array:
-    """Return a pose as an array, shape (4, 4), whose columns are contiguous."""
+    """Return a pose as a Fortran-ordered array, shape (4, 4)."""
     found = np.asfortranarray(np.eye(4))
     found[:3, :3] = Rotation.from_quat(quaternion_wxyz, scalar_first=True).as_matrix()
     found[:3, 3] = position
@@ -179,10 +177,9 @@ def pose_of(obstacle: Any) -> Array:
 
 
 def as_one_urdf(terms: Terms, folder: Path, *, loaded: bool) -> ET.Element:
-    """Return one URDF of all models, with a link `grasp_ARM` for every hand, and the load on the first if `loaded`.
-
-    Joints that are none of the robot's stay at 0. Meshes that have to be changed are written into the folder.
-    """
+    """Return one URDF of all models with payload and grasps. It has a link `grasp_ARM` for every end effector, and
+    the payload on the first if `loaded`. Joints outside the robot stay at 0. Changed meshes are written into the
+    folder."""
     robot, whole = terms.robot, element("robot", name="both")
     whole.append(element("link", name="world"))
     for k, source in enumerate(robot.sources):
@@ -207,7 +204,7 @@ def as_one_urdf(terms: Terms, folder: Path, *, loaded: bool) -> ET.Element:
 
 
 def _load(terms: Terms) -> list[ET.Element]:
-    """Return the bar as a link on the first hand."""
+    """Return the bar as a link on the first end effector."""
     nodes, body = terms.load_on_hand(terms.ends[0][0])[:3].T, terms.scene.body
     ends = nodes[np.unique(body.edges)]
     far = np.linalg.norm(ends[:, None] - ends[None], axis=2)
@@ -227,7 +224,7 @@ def links_of(robot: Robot) -> list[str]:
 
 
 def left_out(terms: Terms) -> list[tuple[str, str]]:
-    """Return the pairs of links that need not be kept apart; of the load with links beyond wrists too."""
+    """Return the pairs of links that may collide. They include the payload with links beyond wrists."""
     robot, links = terms.robot, links_of(terms.robot)
     compared = {frozenset((links[p.first], links[p.second])) for p in robot.collision.collisionPairs}
     names = sorted(set(links))
@@ -239,6 +236,6 @@ def left_out(terms: Terms) -> list[tuple[str, str]]:
 
 
 def standing(robot: Robot) -> list[str]:
-    """Return the links whose bodies never move."""
+    """Return the links with static bodies."""
     items = list(zip(links_of(robot), robot.collision.geometryObjects, strict=True))
     return sorted({link for link, _ in items} - {link for link, item in items if item.parentJoint != 0})

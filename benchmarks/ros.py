@@ -1,18 +1,19 @@
-"""Both arms of a Baxter in step over ROS 1, and how soon one of them stops when the other one's server is killed.
+"""Synchrony and emergency stop of Baxter's arms over ROS 1.
 
     python benchmarks/ros.py                    # five motions to the end, five that are broken off
     python benchmarks/ros.py --repeats 20
 
 A master and a FollowJointTrajectory server each arm run on loopback, in processes of their own
-(`tests/ros/ros1_server.py`); a carry is solved, verified and sent to them. All instants are those at which the
-servers' own processes log them, by the system's monotonic clock:
+(`tests/ros/ros1_server.py`); a transfer motion is solved, verified and sent to them. All instants are those at which
+the servers' own processes log them, by the system's monotonic clock:
 
-- finish: between the two arms' ends of one motion; at most 50 ms is wanted;
+- finish: between the two arms' ends of one motion; at most 50 ms is required;
 - told, stopped: from the moment at which one server is killed (SIGKILL, in turn left and right, somewhere in the
-  middle of the motion) until the other one is told to stop, and until it stands; at most 100 ms is wanted.
+  middle of the motion) until the other one gets the stop command, and until it is at rest; at most 100 ms is
+  required.
 
-Needs ROS 1: apt-get install python3-rospy python3-actionlib python3-roslaunch. The load of the machine is told, since
-other work on it delays arms as well.
+Needs ROS 1: apt-get install python3-rospy python3-actionlib python3-roslaunch. The load of the machine is printed,
+since other work on it delays arms as well.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ TOLERANCES = Tolerances(connect=10.0)
 
 
 def solved(path: Path) -> VerifiedJointMotion:
-    """A verified carry; leaves where there is none."""
+    """Return a verified transfer motion, or exit without one."""
     scene = Scene.load(path)
     found = solve(scene, demonstration=demonstration_of(scene)).joints
     if found.motion is None:
@@ -57,7 +58,7 @@ def solved(path: Path) -> VerifiedJointMotion:
 def robot_at_start(
     motion: VerifiedJointMotion, environment: Mapping[str, str]
 ) -> Iterator[dict[str, Process]]:
-    """Servers of all arms, their joints at the motion's start."""
+    """Yield servers of all arms with joints at the motion's start."""
     names, first = motion.robot.joint_names, motion.joints.position[0]
     with ExitStack() as running:
         servers = {}
@@ -70,7 +71,7 @@ def robot_at_start(
 
 
 def finished_apart(motion: VerifiedJointMotion, environment: Mapping[str, str]) -> tuple[float, float]:
-    """One motion to its end: time between the arms' ends [s], and what `send` itself says of it [s]."""
+    """Run a motion; return the time between the arms' ends [s]. The time measured by `send` itself is added."""
     with robot_at_start(motion, environment) as servers, Ros1Client() as client:
         outcome = send(client, motion, tolerances=TOLERANCES)
         ends = [server.wait_for("done")["at"] for server in servers.values()]
@@ -80,7 +81,8 @@ def finished_apart(motion: VerifiedJointMotion, environment: Mapping[str, str]) 
 def stopped_after(
     motion: VerifiedJointMotion, environment: Mapping[str, str], victim: str, share: float
 ) -> tuple[float, float]:
-    """One motion, broken off: when the other arm was told to stop and stood, after `victim` was killed [s]."""
+    """Break off a motion; return the other arm's reaction times [s]. They are those of its stop command and of its
+    rest after `victim` was killed."""
     with robot_at_start(motion, environment) as servers, Ros1Client() as client:
         killed = []
 

@@ -1,12 +1,11 @@
-"""What becomes of a proven motion in MuJoCo: Baxter's stick between posts, by how it is held and what goes wrong.
+"""Verified motions in MuJoCo: Baxter's stick by grasp and perturbation.
 
     python benchmarks/simulation.py [--perturbed 20]
 
-`examples/baxter/gap_30.yaml` is solved once (seed 0). Rows: each grasp as planned, at twice the pace (the same
-way in half the time, which nobody proved), and perturbed by seeds 0 to N - 1, of which the worst is shown:
-friction, mass, gains, the load's place in the hands, and a push. Columns: how far the load ends from its goal, lags
-behind its plan and slides in a hand, how far the hands' distance is off, the force inside the load, and whether it
-was delivered.
+`examples/baxter/gap_30.yaml` is solved once (seed 0). Rows: each grasp as planned, at twice the pace (the same path
+in half the time, unverified), and perturbed by seeds 0 to N - 1, of which the worst is shown: friction, mass, gains,
+the payload's place in the end effectors, and a push. Columns: distance of the payload from its goal, lag behind its
+plan, slip in an end effector, error of the end effectors' distance, internal force, and delivery.
 """
 
 from __future__ import annotations
@@ -61,12 +60,12 @@ def main() -> None:
 
 
 def at_pace(motion: JointMotion, pace: float) -> JointMotion:
-    """The same joints so many times as fast."""
+    """Return the same joints, `pace` times as fast."""
     return JointMotion(motion.time / pace, motion.joint_names, motion.position)
 
 
 def worst(executions: Sequence[Execution]) -> list[str]:
-    """The largest of every measure, and how many were delivered."""
+    """Return the largest of every measure, and the delivered count."""
     told = [
         number(factor * max(e.measures[key] for e in executions), 2) for key, (_, factor) in SHOWN.items()
     ]

@@ -1,15 +1,15 @@
-"""Motions of least jerk on scenes drawn afresh: how many are verified, how smooth, and how soon.
+"""Least-jerk motions on fresh scenes: success, smoothness and time.
 
     python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71] [--many 20] [--parts]
 
-Half of the draws are easy, half hard; no scene was looked at before with this seed. Every scene is solved twice by
-``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with many more ways, from
-other random numbers too, for 20 s each, whose best counts as the best known; with the default wish for room; and for
+Half of the sampled scenes are easy, half hard; none was used before with this seed. Every scene is solved twice by
+``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with many more paths, from
+other random numbers too, for 20 s each, whose best counts as the best known; with the default soft clearance; and for
 the paper's objective. Columns: verified; first verified motion, the first whose objective is within 1 % of the last
 one's, and whole search, medians and 95 % [ms]; squared jerk over the best known, median and 95 %; largest
-acceleration over that of the same path gone with minimum jerk along its length, median; clearance, median [mm].
+acceleration over that of the same path with minimum jerk along its length, median; clearance, median [mm].
 
-With ``--parts``, a table instead of where the time of searches with the default objective goes: medians of processor
+With ``--parts``, a table of the times in searches with the default objective is printed instead: medians of processor
 times [ms], and shares of all.
 """
 
@@ -41,7 +41,7 @@ MANY = 20.0  # s, of the search for the best known, from each of two seeds
 
 
 def main() -> None:
-    """Draw, solve and print the tables."""
+    """Sample, solve and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--planar", type=int, default=100)
     parser.add_argument("--spatial", type=int, default=50)
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def print_parts(drawn: dict[str, list[comove.Scene]]) -> None:
-    """Print where the time of searches goes, by kind of scenes."""
+    """Print the times in searches, by kind of scenes."""
     parts = Parts(
         {
             "plans": [(kinematics, "plan")],
@@ -128,7 +128,8 @@ HEADER = (
 
 
 def measured(scene: comove.Scene, budget: float) -> dict[str, tuple[float, ...]]:
-    """Figures of one scene by objective: verified, seconds, squared jerk over the best, acceleration, clearance."""
+    """Return the figures of one scene by objective. They are verified, seconds, squared jerk over the best,
+    acceleration, and clearance."""
     tried = {"least jerk": LeastJerk(room=0.0), "with room": LeastJerk(), "paper": PaperCost()}
     solutions, converged = {}, {}
     for name, objective in tried.items():
@@ -156,7 +157,7 @@ def measured(scene: comove.Scene, budget: float) -> dict[str, tuple[float, ...]]
 
 
 def acceleration_along(motion: CoordinatedMotion) -> float:
-    """Largest acceleration of a hand where all go the same path with minimum jerk along its length [m/s^2]."""
+    """Return the largest acceleration with minimum jerk along the path [m/s^2]."""
     s = np.linspace(0.0, 1.0, N_PATH)
     hands, velocity, _ = motion.hands(s)
     speed = np.linalg.norm(velocity, axis=2).sum(axis=1)
@@ -169,12 +170,12 @@ def acceleration_along(motion: CoordinatedMotion) -> float:
 
 
 def jerk(solution: comove.Solution) -> float:
-    """Integrated squared jerk over that of straight motions."""
+    """Return the integrated squared jerk over that of straight motions."""
     return jerk_cost(solution.attempt, LeastJerk(), None)
 
 
 def row(scenes: str, name: str, figures: np.ndarray) -> list[str]:
-    """A row of the table."""
+    """Return a row of the table."""
     verified, first, converged, whole, ratio, acceleration, clearance = figures.T
     middle, high = (lambda x: np.nanmedian(x)), (lambda x: np.nanquantile(x, 0.95))
     return [

@@ -1,15 +1,15 @@
-"""How often the certificate is wrong: random motions near contact, judged by it and by brute force.
+"""False certificates: random motions near contact against brute force.
 
     python benchmarks/soundness.py [--shapes 100000] [--turning 10000] [--boxes 300] [--meshes 10000] [--joints 10000]
         [--first 0] [--workers 2] [--files FOLDER]
 
 Motions come first; obstacles are then pushed to within fractions of a millimetre of what they sweep, or into it.
 Brute force (`tests/brute_force.py`) reads the scene's file, takes from a motion only its configurations, and shares
-no geometry with comove: what it meets is met by the motion. A certificate is false if it promises more than brute
-force meets. In `turning`, obstacles turn and move, slowly or up to three times a second. Boxes are loads, judged by
-points of the box (`tests/verification/random_boxes.py`). Meshes are spoilt as exports spoil them: triangles turned,
-twice, missing, flat, loose, crossing others. Joints are those of ten robots beside obstacles that move and turn, a
-payload, or themselves, judged by their raw URDFs (`tests/robots/verification/random_joints.py`).
+no geometry with comove: it finds only contacts of the motion. A certificate is false if it promises more than brute
+force meets. In `turning`, obstacles turn and move, slowly or up to three times a second. Boxes are payloads, checked
+by points of the box (`tests/verification/random_boxes.py`). Meshes have the faults of exports: triangles flipped,
+duplicate, missing, flat, loose, crossing others. Joints are those of ten robots beside obstacles that move and turn,
+a payload, or themselves, checked by their raw URDFs (`tests/robots/verification/random_joints.py`).
 With `--files`, every mesh of up to 2000 triangles in a folder, made 0.2 m large, is an obstacle once.
 """
 
@@ -37,7 +37,7 @@ WORDS = ("certified", "contact", "undecided", "false certificate")
 
 
 def main() -> None:
-    """Draw, judge and print the table."""
+    """Sample, verify and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shapes", type=int, default=100_000)
     parser.add_argument("--turning", type=int, default=10_000)
@@ -76,7 +76,7 @@ def main() -> None:
 def judged(
     kind: str, first: int, count: int, file: Path | None = None
 ) -> tuple[Counter[str], list[tuple[int, float, float]]]:
-    """Outcomes of some draws, and the false certificates among them: seed, bound and truth [m]."""
+    """Return the outcomes of samples, and their false certificates. Each has seed, bound and truth [m]."""
     from comove.geometry.triangles import triangles_of
     from comove.verification.certificate import certify
     from tests.robots.verification import random_joints

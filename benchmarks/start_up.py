@@ -1,4 +1,4 @@
-"""How long a user waits for the command line, and for the first search in Python; of two versions in turn.
+"""Waiting times of command line and first search, for two versions.
 
 - first run: ``comove solve narrow.yaml`` with no compiled kernels and no font cache yet, once (`--first`);
 - later runs, each a new process with both in place: `solve`, with pictures and without, `verify`, `show`, `--help`,
@@ -6,7 +6,7 @@
 - solve of ``examples/baxter/gap_30.yaml`` (`--robots`).
 
 Wall time counts all from the start of the process to its end; processor time, of the process and of those that help
-it, tells whether the machine was busy with something else. Caches lie in temporary folders: those of the user are
+it, shows whether the machine was busy with something else. Caches lie in temporary folders: those of the user are
 neither used nor changed.
 
 To repeat: ``pip install "comove[robot]"``,
@@ -35,7 +35,7 @@ FROM_PYTHON = "import sys, comove; assert comove.solve(comove.Scene.load(sys.arg
 
 
 def measured(src: Path, folder: Path, words: list[str], *, alone: bool) -> tuple[float, float]:
-    """Processor time and wall time of Python with some words [s]; leaves with its message where it fails."""
+    """Return processor and wall time of a Python command [s]. If it fails, exit with its message."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     environment |= {
         "PYTHONPATH": str(src),
@@ -55,7 +55,7 @@ def measured(src: Path, folder: Path, words: list[str], *, alone: bool) -> tuple
 
 
 def commands(src: Path, *, is_new: bool, robots: bool) -> dict[str, list[str]]:
-    """The words after `python`, by what they are called in the table."""
+    """Return the words after `python`, by their names in the table."""
     comove, scene = ["-m", "comove"], str(src / SCENE)
     solve = [*comove, "solve", scene, "--out", "out"]
     found = {
@@ -103,7 +103,7 @@ def main() -> None:
 
 
 def cells(times: list[tuple[float, float]]) -> list[str]:
-    """The medians of processor time and wall time."""
+    """Return the medians of processor time and wall time as text."""
     return [number(median(one)) for one in zip(*times, strict=True)] if times else ["-", "-"]
 
 

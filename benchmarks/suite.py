@@ -1,14 +1,14 @@
-"""How often, how fast and how well comove solves its sets of scenes; one row a set.
+"""Success, time and quality of comove by set of scenes.
 
 Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space (`random_scenes.py`), and the
 example scenes under many seeds of the solver. A name that ends in ``-no-planner`` turns the planner off, one in
-``-paper`` takes the paper's method. For random sets `--first-seed` says which scenes are drawn (the
+``-paper`` uses the paper's method. For random sets `--first-seed` chooses the scenes (the
 solver's own seed is 0); for examples it is the first seed of the solver.
 
 Columns: motions verified; time to the first verified motion (from scene in memory and kernels loaded) and
 total time of `solve`; evaluations; the cost J; then the worst of the verified motions: certified clearance, and at
 100 Hz samples the error of any distance constraint, the miss of an end, and the speed at the end.
-What is not verified counts as endless in the times to the first motion.
+Unverified runs count as infinite in the times to the first motion.
 
 To repeat: ``pip install comove``, ``python benchmarks/suite.py [--sets planar wide] [--count 20] [--json FILE]``.
 """
@@ -57,12 +57,12 @@ HEADER = {
 
 @dataclass(frozen=True)
 class SceneSet:
-    """Scenes that make one row.
+    """Scenes of one row.
 
     Attributes
     ----------
-    count : problems, unless another number is asked for
-    problem : makes the scene, and the seed of the solver, of an index
+    count : default number of problems
+    problem : function that returns the scene and the solver's seed of an index
     """
 
     count: int
@@ -70,12 +70,12 @@ class SceneSet:
 
 
 def drawn(draw: Callable[[int], comove.Scene], count: int) -> SceneSet:
-    """Random scenes, each solved once."""
+    """Return random scenes, each solved once."""
     return SceneSet(count, lambda index: (draw(index), 0))
 
 
 def example(name: str) -> SceneSet:
-    """One example scene, solved with many seeds."""
+    """Return one example scene, solved with many seeds."""
     return SceneSet(
         20, lambda index: (comove.Scene.load(str(files("comove") / "examples" / f"{name}.yaml")), index)
     )
@@ -103,7 +103,7 @@ SETS = {
 
 
 def solutions(name: str, count: int | None, first: int, budget: float) -> Iterator[comove.Solution]:
-    """Solve the scenes of a set one after the other, as `comove solve` would."""
+    """Solve a set's scenes one after the other, as `comove solve`."""
     chosen = SETS[name]
     for index in range(first, first + (count or chosen.count)):
         scene, seed = chosen.problem(index)
@@ -119,7 +119,8 @@ def solutions(name: str, count: int | None, first: int, budget: float) -> Iterat
 
 
 def errors_at_samples(solution: comove.Solution) -> tuple[float, float, float]:
-    """Largest distance error [m], miss of an end [m] and speed at the end [m/s], from the samples alone."""
+    """Return errors computed from the samples alone. They are the largest distance error [m], end error [m], and
+    final speed [m/s]."""
     scene, samples = solution.scene, solution.trajectory
     apart = [
         np.linalg.norm(samples.position[:, c.first] - samples.position[:, c.second], axis=1) - c.distance
@@ -132,7 +133,8 @@ def errors_at_samples(solution: comove.Solution) -> tuple[float, float, float]:
 
 
 def row(name: str, solved: list[comove.Solution]) -> Row:
-    """Figures of one set, in SI units; None where there is none (nothing verified, or endless)."""
+    """Return the figures of one set, in SI units. They are None where there is none (nothing verified, or
+    infinite)."""
     good = [solution for solution in solved if solution.verified]
     first = [solution.effort.first_verified if solution.verified else inf for solution in solved]
     total = [solution.effort.seconds for solution in solved]
@@ -162,7 +164,7 @@ def row(name: str, solved: list[comove.Solution]) -> Row:
 
 
 def cell(key: str, row: Row) -> str:
-    """One figure as the table shows it."""
+    """Return one figure as in the table."""
     if key == "set":
         return str(row["set"])
     if key == "verified":

@@ -1,20 +1,20 @@
-"""How often a folder is called verified that contradicts its scene or its robot, after a forger changed it.
+"""False verifications of forged folders that contradict scene or robot.
 
     python benchmarks/tampering.py [--only motions runs studies joints simulations robot-runs] [--workers 2]
         [--motions 45000] [--runs 45000] [--studies 4000] [--joints 3000] [--simulations 1500] [--robot-runs 1500]
 
-Folders of each kind are made once. A forger who has read the source then changes one at random: bytes and numbers of
+Folders of each kind are made once. A forgery that knows the source then changes one at random: bytes and numbers of
 any array, entries of any summary, the scene of the folder's own, weights of the curve with samples, measures and
-claims computed anew by comove's own functions on an easier scene, poses and obstacles of runs, times, clocks that are
-set, tremors between samples of torques, robot descriptions, rows of stores; or puts together parts of different
-folders. All checksums are redone. Half of the folders are verified against the scene that is trusted, half against
+claims computed again by comove's own functions on an easier scene, poses and obstacles of runs, times, clocks that
+are set, tremors between samples of torques, robot descriptions, rows of run databases; or combines parts of different
+folders. All checksums are redone. Half of the folders are verified against the trusted scene, half against
 their own, as commands do.
 
-What is called verified is looked at by code that shares neither geometry nor files with the verifier: samples as a
+Verified folders are checked by code that shares neither geometry nor files with the verifier: samples as a
 consumer would play them, distances by `tests/brute_force.py`, obstacles moved by the keys of the scene's file,
-differences for speeds and accelerations, Pinocchio's kinematics and dynamics for joints. "Wrong" is what was called
-verified and contradicts the scene or the robot, or states a clearance that samples undercut. Anything but a verdict
-or a refusal in one sentence is a crash.
+differences for speeds and accelerations, Pinocchio's kinematics and dynamics for joints. "Wrong" is a verified folder
+that contradicts the scene or the robot, or states a clearance that samples undercut. Anything but a verification
+result or a refusal in one sentence is a crash.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ SCENES = (STANDING, IN_SPACE)
 
 
 def clearance_of(scene: Scene, time: np.ndarray, hands: np.ndarray) -> float:
-    """Least distance of a bar between two hands from obstacles and border, at samples [m]."""
+    """Return the least clearance of a bar at samples [m]."""
     from tests.brute_force import obstacle_distance
 
     radius = getattr(scene.file.load, "radius", 0.0) or 0.0
@@ -130,7 +130,8 @@ def clearance_of(scene: Scene, time: np.ndarray, hands: np.ndarray) -> float:
 def contradictions(
     scene: Scene, time: np.ndarray, hands: np.ndarray, *, miss: float = 1e-6, differ: bool = True
 ) -> list[str]:
-    """How samples of hands, (n_steps, n_hands, n_dims), contradict a scene with a bar."""
+    """Return how samples of end effectors contradict a scene with a bar. `hands` has the shape (n_steps, n_hands,
+    n_dims)."""
     file, found = scene.file, []
     starts = np.array([hand.start for hand in file.manipulators])
     goals = np.array([hand.goal for hand in file.manipulators])
@@ -162,7 +163,7 @@ def contradictions(
 
 
 def noise(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
-    """An array with some numbers changed, by a little or by a lot."""
+    """Return an array with some numbers changed slightly or strongly."""
     array = array.copy()
     if array.dtype.kind != "f" or not array.size:
         return array
@@ -183,7 +184,7 @@ def noise(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
 
 
 def other_entry(rng: np.random.Generator, value: Any) -> Any:
-    """Another value of an entry of a summary."""
+    """Return another value of a summary's entry."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, float):
@@ -195,7 +196,7 @@ def other_entry(rng: np.random.Generator, value: Any) -> Any:
 
 
 def clock_set(rng: np.random.Generator, time: np.ndarray) -> np.ndarray:
-    """Stamps after a clock was set forwards or back at an instant, ran at another pace for a while, or trembled."""
+    """Return time stamps of a clock that was set, mispaced or trembling."""
     time, at = time.copy(), int(rng.integers(1, len(time)))
     size = 10.0 ** rng.uniform(-6, 1)
     kind = rng.integers(4)
@@ -211,7 +212,7 @@ def clock_set(rng: np.random.Generator, time: np.ndarray) -> np.ndarray:
 
 
 def easier(rng: np.random.Generator, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The contents of a scene that allows more: without obstacles, slower limits, other ends, wider tolerances."""
+    """Return the contents of a more permissive scene."""
     data = copy.deepcopy(dict(data))
     for _ in range(rng.integers(1, 4)):
         kind = rng.integers(6)
@@ -244,14 +245,14 @@ def easier(rng: np.random.Generator, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def scene_of(data: Mapping[str, Any]) -> Scene:
-    """A scene, without warnings."""
+    """Return a scene, without warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ComoveWarning)
         return Scene.from_dict(dict(data))
 
 
 def claimed(motion: Any, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary that says verified of a motion, with the measures that comove finds."""
+    """Return a summary that claims a motion verified, with comove's measures."""
     report = verify(motion).report
     measures = {name: finite(value) for name, value in report.asdict().items()}
     terms = {name: WEIGHTS[name] * unit for name, unit in unit_terms(motion).items()} | {"resemblance": 0.0}
@@ -272,7 +273,7 @@ def claimed(motion: Any, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Case:
-    """A folder that was forged: what is trusted, and the scene that the folder holds."""
+    """Forged folder, with the trusted scene and its own."""
 
     folder: Path
     trusted: Scene | None
@@ -280,7 +281,7 @@ class Case:
 
     @property
     def scene(self) -> Scene | None:
-        """The scene that a verdict is about."""
+        """Return the scene of the verification."""
         return self.trusted if self.trusted is not None else self.own
 
 
@@ -298,12 +299,12 @@ def bytes_changed(rng: np.random.Generator, folder: Path) -> None:
 
 @cache
 def bases(kind: str) -> Path:
-    """Folders of a kind, made once a process."""
+    """Return folders of a kind, made once a process."""
     return MAKERS[kind](Path(tempfile.mkdtemp(prefix="tampering-", dir=SHM)))
 
 
 def make_motions(folder: Path) -> Path:
-    """Solved scenes, with several seeds."""
+    """Make solved scenes, with several seeds."""
     for number, data in enumerate(SCENES):
         for seed in (0, 1):
             with whole_folder(folder / f"{number}-{seed}", RESULT) as draft:
@@ -312,7 +313,7 @@ def make_motions(folder: Path) -> Path:
 
 
 def forge_motion(rng: np.random.Generator, base: Path, folder: Path) -> Case:
-    """Forge a motion of hands."""
+    """Forge a motion of end effectors."""
     number = int(rng.integers(len(SCENES)))
     source, other = (base / f"{number}-{seed}" for seed in rng.permutation(2))
     shutil.copytree(source, folder)
@@ -366,7 +367,7 @@ def forge_motion(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 
 def look_at_motion(case: Case) -> list[str]:
-    """Contradictions of a motion of hands that was called verified."""
+    """Return the contradictions of a verified end-effector motion."""
     stored = read_result(case.folder)
     found = contradictions(case.scene, stored.arrays["time"], stored.arrays["position"])
     least = clearance_of(case.scene, stored.arrays["time"], stored.arrays["position"])
@@ -380,7 +381,7 @@ def look_at_motion(case: Case) -> list[str]:
 
 
 def make_runs(folder: Path) -> Path:
-    """Executions of the scenes, with several seeds."""
+    """Make executions of the scenes, with several seeds."""
     for number, data in enumerate(SCENES):
         for seed in (0, 1):
             data = {**data, "limits": {k: v for k, v in data["limits"].items() if k != "jerk"}}
@@ -454,7 +455,7 @@ def forge_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 
 def look_at_run(case: Case) -> list[str]:
-    """Contradictions of an execution that was called verified: by hands as recorded, and halfway between."""
+    """Return a verified execution's contradictions, also halfway between samples."""
     summary, arrays = RUN.read(case.folder)
     if (np.diff(arrays["time"]) <= 0.0).any():
         return ["clock"]
@@ -479,7 +480,7 @@ def look_at_run(case: Case) -> list[str]:
 
 
 def make_studies(folder: Path) -> Path:
-    """A study of three episodes."""
+    """Make a study of three episodes."""
     import yaml
 
     from comove.data import Study, on_processes, run_study
@@ -493,7 +494,7 @@ def make_studies(folder: Path) -> Path:
 
 
 def forge_study(rng: np.random.Generator, base: Path, folder: Path) -> Case:
-    """Forge the store of a study."""
+    """Forge the run database of a study."""
     from comove.data import StudyStore
     from comove.data.episode import packed, unpacked
     from comove.data.runs import RUNS
@@ -531,14 +532,14 @@ def forge_study(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 @cache
 def trusted_study() -> Any:
-    """The study, as its file says."""
+    """Return the study of its file."""
     from comove.data import Study
 
     return Study.load(bases("studies") / "study.yaml")
 
 
 def judge_study(case: Case) -> list[str]:
-    """Contradictions of what a dataset would hold; raises what export would raise."""
+    """Return the contradictions of an exported dataset. Raise the errors of the export."""
     from comove.data.datasets.samples import episodes_of
 
     study, found = trusted_study(), []
@@ -555,7 +556,7 @@ def judge_study(case: Case) -> list[str]:
 
 @cache
 def drawn_of(number: int) -> Scene:
-    """The scene that the study draws."""
+    """Return the scene that the study samples."""
     return trusted_study().draw(number).scene
 
 
@@ -563,7 +564,7 @@ def drawn_of(number: int) -> Scene:
 
 
 def make_joints(folder: Path) -> Path:
-    """The known movement of Baxter."""
+    """Make the known movement of Baxter."""
     from tests.robots.known_folder import write
 
     write(folder / "result")
@@ -625,12 +626,12 @@ def forge_joints(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 @dataclass(frozen=True)
 class RawRobot:
-    """A robot out of its URDF as it is installed.
+    """Robot from its installed URDF.
 
     Attributes
     ----------
     links : its links (`tests.robots.raw_links`)
-    lower, upper, velocity, effort : limits of the joints that the raw file states
+    lower, upper, velocity, effort : limits of the joints in the raw file
     """
 
     links: Any
@@ -649,10 +650,8 @@ class RawRobot:
         return found
 
     def over_torque(self, robot: Any, scene: Scene, q: np.ndarray, t: np.ndarray) -> bool:
-        """Return whether torques along the spline through samples exceed their limits, also between the samples.
-
-        A bar is held in its middle, half of it by each hand; springs take their share of the weight.
-        """
+        """Return whether torques along a spline of samples exceed their limits. A bar is held in its middle, half of
+        it by each end effector; springs hold their share of the weight."""
         import pinocchio as pin
         from scipy.interpolate import CubicSpline
 
@@ -679,7 +678,7 @@ class RawRobot:
 
 @cache
 def raw_baxter() -> RawRobot:
-    """Baxter, by its URDF as it is installed."""
+    """Return Baxter, from its installed URDF."""
     import xml.etree.ElementTree as ET
 
     from tests.robots.known_carry import baxter
@@ -697,7 +696,7 @@ def raw_baxter() -> RawRobot:
 
 
 def look_at_joints(case: Case) -> list[str]:
-    """Contradictions of joints that were called verified, by the raw URDF: limits, hands, links and obstacles."""
+    """Return the contradictions of verified joints by the raw URDF."""
     from comove.robots.files import JOINTS
     from tests.robots.known_carry import baxter
 
@@ -719,7 +718,7 @@ def look_at_joints(case: Case) -> list[str]:
 
 
 def _hands_off(case: Case, q: np.ndarray, t: np.ndarray) -> list[str]:
-    """Where joints do not carry out the hands' stored samples."""
+    """Return where joints deviate from the end effectors' stored samples."""
     stored = read_result(case.folder)
     time_, position = stored.arrays["time"], stored.arrays["position"]
     at = np.stack([np.interp(t, time_, x) for x in position.reshape(len(time_), -1).T], 1)
@@ -728,13 +727,14 @@ def _hands_off(case: Case, q: np.ndarray, t: np.ndarray) -> list[str]:
 
 
 def tools(scene: Scene, q: np.ndarray) -> np.ndarray:
-    """Positions of the tools, (n_steps, n_hands, 3), by Pinocchio on the raw URDF and the description's tools."""
+    """Return the tools' positions by Pinocchio on the raw URDF. The tools are those of the description; array, shape
+    (n_steps, n_hands, 3)."""
     links = raw_baxter().links
     return np.array([[links.grasp(name, joints).translation for name in scene.manipulators] for joints in q])
 
 
 def make_simulations(folder: Path) -> Path:
-    """The known movement of Baxter, played."""
+    """Make a simulation of the known movement of Baxter."""
     from comove.sim import play, write_simulation
     from tests.robots.known_carry import baxter, known_carry
 
@@ -776,7 +776,7 @@ def forge_simulation(rng: np.random.Generator, base: Path, folder: Path) -> Case
 
 
 def look_at_simulation(case: Case) -> list[str]:
-    """Contradictions of a simulation that was not objected to: is the load where the goal is, held by hands?"""
+    """Return the contradictions of an accepted simulation."""
     from comove.sim import SIMULATION
 
     summary, arrays = SIMULATION.read(case.folder)
@@ -790,7 +790,7 @@ def look_at_simulation(case: Case) -> list[str]:
 
 
 def make_robot_runs(folder: Path) -> Path:
-    """An online run in which everything goes as planned."""
+    """Make an online run that follows its plan."""
     from tests.robots.known_run import write_known_run
 
     write_known_run(folder / "result")
@@ -833,7 +833,7 @@ def forge_robot_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 
 def look_at_robot_run(case: Case) -> list[str]:
-    """Contradictions of a robot's run that is as it should be: limits, hands at the goal, a bar that is clear."""
+    """Return the contradictions of an accepted robot run."""
     from comove.sim.robot_runs import ROBOT_RUN
 
     _, arrays = ROBOT_RUN.read(case.folder)
@@ -871,7 +871,7 @@ FORGERS = {
 
 
 def tried(kind: str, seed: int) -> tuple[str, str]:
-    """Forge one folder; return what the verifier makes of it, and more words where that is wrong."""
+    """Forge one folder; return the verifier's result, and details if wrong."""
     forge, part, look = FORGERS[kind]
     rng = np.random.default_rng([109, list(FORGERS).index(kind), seed])
     folder = Path(tempfile.mkdtemp(prefix="forged-", dir=SHM)) / "result"
@@ -935,7 +935,7 @@ def main() -> None:
 
 
 def _tasks(kind: str, first: int, count: int) -> list[tuple[str, int, int]]:
-    """Share out the folders of a kind: the kind, the number of the first folder, and how many."""
+    """Return batches of folders: kind, first number, and count."""
     return [(kind, start, min(CHUNK, first + count - start)) for start in range(first, first + count, CHUNK)]
 
 

@@ -1,14 +1,14 @@
-"""Robots tilt what they carry: scenes drawn around a motion of their arms, solved, verified and played in MuJoCo.
+"""Robots that tilt their payloads, in scenes sampled around witnesses.
 
     python benchmarks/tilting.py                          # 60 scenes
     python benchmarks/tilting.py --seed 3 --count 12      # other scenes, and fewer
     python benchmarks/tilting.py --count 10 --places pr2 --kinds slot
 
-Planks, trays, boxes and a mesh are carried by two or three arms from one pose to another, one of which is tilted by
-15 to 60 degrees, through another tilted pose. A *slot* are two slabs along the payload on the way, a *hatch* two
-plates across it, a *shelf* two slabs along it at its goal; all are so near to the payload that it would touch them if
-it were level there. The motion that a scene is drawn around, its witness, is verified; no planner has a part in it.
-Seeds 0 to 99 are for tuning.
+Scenes are solved, verified and played in MuJoCo. Planks, trays, boxes and a mesh are held by two or three arms from
+one pose to another, one of which is tilted by 15 to 60 degrees, through another tilted pose. A *slot* are two slabs
+along the payload on the path, a *hatch* two plates across it, a *shelf* two slabs along it at its goal; all are so
+near to the payload that it would touch them if it were level there. The motion around which a scene is sampled, its
+witness, is verified; no planner is involved. Seeds 0 to 99 are for tuning.
 """
 
 from __future__ import annotations
@@ -64,15 +64,15 @@ TRIES = 60  # motions that are drawn for one scene, before its kind is drawn ane
 
 @dataclass(frozen=True)
 class Place:
-    """Where a robot carries payloads.
+    """Workspace of a robot with payloads.
 
     Attributes
     ----------
     robot, hands : its name, and its arms
-    lower, upper : where the middle of a payload may be [m]
-    apart : length of the payload between two hands, or its width where there are three [m]
+    lower, upper : range of a payload's centre [m]
+    apart : length of the payload between two end effectors, or its width where there are three [m]
     yaw : heading of its x axis [rad]
-    offsets : turns of the hands on it about the vertical, by hand [rad]
+    offsets : rotations of the end effectors on it about the vertical, by arm [rad]
     mass : of a payload [kg]
     """
 
@@ -93,7 +93,7 @@ class Place:
         return np.array([self.apart + 0.04, self.apart + 0.04 if len(self.hands) > 2 else wide, high])
 
     def grasps(self, size: Array) -> dict[str, Array]:
-        """Return where hands hold a payload of some size, on its upper side [m]."""
+        """Return the grasps on the upper side of a payload [m]."""
         if len(self.hands) == 2:
             places = [(0.5 * self.apart, 0.0), (-0.5 * self.apart, 0.0)]
         else:
@@ -124,7 +124,7 @@ PLACES = {
 
 
 def tilted(rng: np.random.Generator, place: Place, least: float, most: float) -> Rotation:
-    """Draw an orientation of a payload, tilted about any horizontal axis."""
+    """Sample an orientation of a payload, tilted about any horizontal axis."""
     about = rng.uniform(-np.pi, np.pi)
     axis = np.array([np.cos(about), np.sin(about), 0.0])
     heading = Rotation.from_rotvec([0.0, 0.0, place.yaw + rng.uniform(-TURN, TURN)])
@@ -138,7 +138,7 @@ def quaternion(turn: Rotation) -> list[float]:
 
 @dataclass
 class Draft:
-    """A scene that is being drawn."""
+    """Scene during sampling."""
 
     name: str
     place: Place
@@ -154,7 +154,7 @@ class Draft:
         return self.place.size(self.payload)
 
     def drawn(self) -> JointWitness | None:
-        """Draw poses and what is in the way; return the witness, or None where this leads to nothing."""
+        """Sample poses and obstacles; return the witness, or None if infeasible."""
         rng, place = self.rng, self.place
         ends = [tilted(rng, place, 0.0, LEVEL), tilted(rng, place, *TILT)]
         if self.kind != "shelf" and rng.random() < 0.5:
@@ -183,7 +183,7 @@ class Draft:
         return witness if self.clear(witness, self.obstacles) else None
 
     def data(self, first: int = 0, last: int = -1) -> dict[str, Any]:
-        """Return the contents of the scene's file, from one of the poses to another."""
+        """Return the scene file's contents, from one pose to another."""
         place, size, names = self.place, self.size, self.place.hands
         grasps = place.grasps(size)
         ends = {"start": self.poses[first], "goal": self.poses[last]}
@@ -219,7 +219,7 @@ class Draft:
         return Scene.from_dict(self.data() | changes, folder=self.folder)
 
     def moved(self) -> JointWitness | None:
-        """Return a motion along the poses, among nothing; None where arms cannot follow it."""
+        """Return a motion along the poses without obstacles, or None."""
         try:
             scene = self.scene()
             path = [
@@ -247,7 +247,7 @@ class Draft:
         return witness if self.clear(witness, []) else None
 
     def clear(self, witness: JointWitness, obstacles: list[dict[str, Any]]) -> bool:
-        """Return whether a witness keeps clear, with the clearance to spare."""
+        """Return whether a witness keeps clear, with a margin."""
         try:
             scene = self.scene(obstacles=obstacles)
         except SceneError:
@@ -255,7 +255,7 @@ class Draft:
         return witness.judged(scene.limited(clearance=SPARE), slack=1.0).verified is not None
 
     def narrow(self, witness: JointWitness) -> bool:
-        """Add two slabs or plates between which the payload has to be tilted."""
+        """Add two slabs or plates that require a tilted payload."""
         at = 1.0 if self.kind == "shelf" else self.rng.uniform(0.4, 0.6)
         motion = witness.motion(self.scene())
         q = motion.at([at])[0, 0]
@@ -282,7 +282,7 @@ class Draft:
         return False
 
     def touches_level(self, center: Array, obstacles: list[dict[str, Any]]) -> bool:
-        """Return whether the payload touches something at a place wherever it is heading, if it is level there."""
+        """Return whether a level payload touches something with every heading."""
         scene, nearest = self.scene(obstacles=obstacles), []
         for heading in np.linspace(-np.pi, np.pi, 24, endpoint=False):
             nodes = scene.nodes_at("start").copy()
@@ -294,7 +294,7 @@ class Draft:
         return max(nearest) < CLEARANCE
 
     def clutter(self, witness: JointWitness) -> None:
-        """Add an obstacle near the payload in the witness, where there is room for one."""
+        """Add an obstacle near the witness, where there is room."""
         motion, rng = witness.motion(self.scene()), self.rng
         for _ in range(4):
             q = motion.at([rng.uniform(0.1, 0.9)])[0, 0]
@@ -306,7 +306,7 @@ class Draft:
 
 
 def wedge(size: Array, folder: Path) -> str:
-    """Write a trough, which is not convex, and return the name of its file: its walls stand on both long sides."""
+    """Write a non-convex trough; return its file name. Its walls are on both long sides."""
     name, (x, y, z), wall = f"trough_{size[0]:g}_{size[1]:g}.obj", 0.5 * size, 0.012
     profile = [
         (-y, -z),
@@ -330,7 +330,7 @@ def wedge(size: Array, folder: Path) -> str:
 
 
 def scenes(options: argparse.Namespace, folder: Path):
-    """Yield drafts with their witnesses; every place, payload and kind in turn."""
+    """Yield drafts with their witnesses, alternating place, payload and kind."""
     places = [
         place for name, place in PLACES.items() if not options.places or Path(name).stem in options.places
     ]
@@ -347,7 +347,7 @@ def scenes(options: argparse.Namespace, folder: Path):
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=100, help="of the scenes")
@@ -379,7 +379,7 @@ def main() -> None:
 
 
 def solved(draft: Draft) -> list[Any]:
-    """Solve a scene and play what was found; return what the table says of it."""
+    """Solve and play a scene; return its table row."""
     scene = draft.scene()
     robot, first = robot_of(scene), [np.nan]
     load_robot_kernels(SceneKind.of(scene))

@@ -1,4 +1,4 @@
-"""What the benchmarks share: clocks, tables in markdown, peers that may be missing, and TOPP-RA."""
+"""Shared parts of benchmarks: clocks, tables, optional peers, and TOPP-RA."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 
 def on_one_thread() -> None:
-    """Start the script again with numerical libraries on one thread, where they are not already."""
+    """Restart the script with single-threaded numerical libraries, unless it is."""
     if any(os.environ.get(name) != "1" for name in THREAD_VARIABLES):
         environment = os.environ | dict.fromkeys(THREAD_VARIABLES, "1")
         sys.stdout.flush()
@@ -28,7 +28,7 @@ def on_one_thread() -> None:
 
 
 def peer(name: str) -> ModuleType:
-    """Import a module of a peer; leave with the command that installs it where it is missing."""
+    """Import a module of a peer. Where it is missing, exit with the command that installs it."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -36,7 +36,7 @@ def peer(name: str) -> ModuleType:
 
 
 class Watch:
-    """A `progress` callback of `comove.solve` that notes when the best got better."""
+    """Progress callback of `comove.solve` that records improvements."""
 
     def __init__(self) -> None:
         self.begun, self.seen = time.perf_counter(), [(0.0, float("inf"))]
@@ -46,13 +46,13 @@ class Watch:
             self.seen.append((time.perf_counter() - self.begun, progress.best))
 
     def converged(self, within: float = 0.01) -> float:
-        """When the best was first within a share of the last [s]; nan where there is none."""
+        """Return when the best came within a share of the last [s]. It is NaN where there is none."""
         last = self.seen[-1][1]
         return next((t for t, best in self.seen if best <= (1 + within) * last < float("inf")), float("nan"))
 
 
 class Parts:
-    """Processor time by part of a program [s], of functions without what they call of other parts.
+    """Exclusive processor time by part of a program [s]. Calls of other parts are excluded.
 
     Parameters
     ----------
@@ -80,25 +80,22 @@ class Parts:
         return timed
 
     def of(self, function: Callable[[], Any]) -> dict[str, float]:
-        """Seconds of each part in one call."""
+        """Return the seconds of each part in one call."""
         self.seconds = dict.fromkeys(self.seconds, 0.0)
         function()
         return self.seconds
 
 
 def elapsed(function: Callable[[], Any]) -> float:
-    """Wall time of one call [s]."""
+    """Return the wall time of one call [s]."""
     started = time.perf_counter()
     function()
     return time.perf_counter() - started
 
 
 def medians(functions: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Median wall time of each function [s].
-
-    They take turns, so that a machine that is busy for a while slows all of them alike. The first round
-    warms up and does not count.
-    """
+    """Return the median wall time of each function [s]. They alternate, so that other work on the machine slows all
+    of them alike. The first round warms up and does not count."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for _ in range(repeats + 1):
         for name, function in functions.items():
@@ -107,13 +104,13 @@ def medians(functions: Mapping[str, Callable[[], Any]], repeats: int) -> dict[st
 
 
 def memory_of(pid: int) -> float:
-    """Resident memory of a process [MB]."""
+    """Return the resident memory of a process [MB]."""
     fields = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
     return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def print_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table in markdown, its columns aligned."""
+    """Print an aligned Markdown table."""
     cells = [list(map(str, row)) for row in (header, *rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     cells.insert(1, ["-" * width for width in widths])
@@ -122,20 +119,19 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None
 
 
 def print_head(header: Sequence[str]) -> None:
-    """Print the head of a table in markdown whose rows come one by one."""
+    """Print the head of a Markdown table with later rows."""
     print_row(header)
     print("|" + "---|" * len(header), flush=True)
 
 
 def print_row(cells: Sequence[object]) -> None:
-    """Print a row of a table in markdown."""
+    """Print a row of a Markdown table."""
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
 def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Callable[[], Any]:
-    """A function that finds the fastest movement along a path by TOPP-RA (Pham and Pham, 2018).
-
-    It returns a curve that has a `duration`; None where there is none, or TOPP-RA is not installed.
+    """Return a function that computes the fastest movement by TOPP-RA. The method is that of Pham and Pham, 2018. It
+    returns a curve that has a `duration`; None where there is none, or TOPP-RA is not installed.
 
     Parameters
     ----------
@@ -161,13 +157,13 @@ def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarr
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, never with an exponent where it can be avoided."""
+    """Return a number with significant digits, rarely with an exponent."""
     if value == 0 or not 1e-3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{value:.{max(0, digits - 1 - floor(log10(abs(value))))}f}"
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """The least value that `share` of the values do not exceed; infinite values are allowed."""
+    """Return the least value that `share` of the values do not exceed. Infinite values are allowed."""
     ranked = sorted(values)
     return ranked[max(0, ceil(share * len(ranked)) - 1)]

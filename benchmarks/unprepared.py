@@ -1,18 +1,18 @@
-"""From models that nobody prepared to a payload that MuJoCo delivers: how long it takes, and what goes wrong.
+"""Third-party robot models to a delivered payload: time and faults.
 
     python benchmarks/unprepared.py                                  # the set-ups of example-robot-data
     python benchmarks/unprepared.py --packages FOLDER... --seed 77   # all set-ups of `SETUPS`
     python benchmarks/unprepared.py --robots talos two_kinova
 
-Each is done as a newcomer would, and takes what is proposed as it is: `comove robot convert` where the model is
-MuJoCo's own, then `new`, `scene`, `solve` and `simulate`, the last one perturbed, hands welded to the bar. None of
-the models comes with comove as a robot. Those of example-robot-data come with `comove[robot]`; the others are looked
-for in the folders of `--packages`, such as a venv's ``site-packages`` and ``share``:
+Each is processed as by a newcomer, with all proposals unchanged: `comove robot convert` where the model is
+MuJoCo's own, then `new`, `scene`, `solve` and `simulate`, the last one perturbed, end effectors welded to the bar.
+None of the models comes with comove as a robot. Those of example-robot-data come with `comove[robot]`; the others are
+searched in the folders of `--packages`, such as a venv's ``site-packages`` and ``share``:
 
     pip install --no-deps dexmate-urdf fourier-robot-descriptions airo-models icub-models openarm-mujoco gym-aloha \
         armar jvrc-description gb-robot-models robosuite mani-skill
 
-A set-up whose package is in none of them is skipped, and said. The motion of every one that is verified is held
+A set-up whose package is in none of them is skipped with a note. The motion of every one that is verified is held
 against the limits of the raw file, soft ones included, read here without comove's code: the last column.
 `--more FILE...` adds models of one's own, each a robot with two arms, or two with a + between them.
 """
@@ -39,7 +39,8 @@ from timing import on_one_thread, peer, print_head, print_row
 
 @dataclass(frozen=True)
 class Setup:
-    """Models of a set-up, as paths in a folder of packages or ``package://``; distance between their bases [m]."""
+    """Models of a set-up, and distance between their bases [m]. Models are paths in a folder of packages or
+    ``package://``."""
 
     models: tuple[str, ...]
     apart: float = 0.8
@@ -114,17 +115,14 @@ ROUNDING = 1e-9  # rad and m, and share of a velocity limit
 
 
 def found_in(model: str, folders: list[Path]) -> str | None:
-    """Return a model as the commands take it; None where no folder has it."""
+    """Return a model's path for the commands; None where none exists."""
     if "://" in model or Path(model).is_file():
         return model
     return next((str(folder / model) for folder in folders if (folder / model).is_file()), None)
 
 
 def delivered(name: str, models: list[str], apart: float, folder: Path, seed: int) -> tuple[float, str, str]:
-    """Return the seconds of all commands, what came of it, and how the joints keep the limits of the raw files.
-
-    What came of it is what the first command that fails says.
-    """
+    """Return the commands' seconds, the result or failure, and kept limits."""
     robot, scene, carried = folder / f"{name}.yaml", folder / f"{name}-scene.yaml", folder / name
     begun, urdfs, around = time.perf_counter(), list[str](), list[str]()
     commands = []
@@ -168,7 +166,7 @@ def delivered(name: str, models: list[str], apart: float, folder: Path, seed: in
 
 
 def raw_limits(model: str) -> dict[str, tuple[float, float, float]]:
-    """Return the least and largest position, and the largest velocity, that a file states for its joints, by name."""
+    """Return a file's joint limits by name. They are least and largest position, and largest velocity."""
     found = dict[str, tuple[float, float, float]]()
     if model.endswith(".xml"):
         compiled = peer("mujoco").MjModel.from_xml_path(model)
@@ -198,7 +196,7 @@ def raw_limits(model: str) -> dict[str, tuple[float, float, float]]:
 
 
 def raw_limits_kept(models: list[str], robot: Path, joints: Path) -> str:
-    """Return, in words, how a stored motion keeps the limits of the raw files, 50 instants between two samples."""
+    """Return in words whether a motion keeps the raw files' limits."""
     prefixes = [part.get("prefix", "") for part in yaml.safe_load(robot.read_text())["models"]]
     limits = {
         prefix + name: values
@@ -222,7 +220,7 @@ def raw_limits_kept(models: list[str], robot: Path, joints: Path) -> str:
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="+", choices=SETUPS | OTHERS, default=[])
     parser.add_argument("--others", action="store_true", help="the others, of example-robot-data")

@@ -1,11 +1,11 @@
-"""A bar among a hundred and fifty thin walls, turned anyhow: how soon, beside OMPL's RRT-Connect.
+"""A bar among 150 thin walls: times beside OMPL's RRT-Connect.
 
     pip install 'comove[bench]'; python benchmarks/walls.py [--scenes 10] [--seed 1]
 
-Walls are 2 cm thick and up to 0.4 m wide, in a cube of 3 m (in the plane, sixty of them in a square). comove's
-default is timed to its first verified motion, to the first whose objective is within 1 % of the last one's, and in
-all; OMPL until its path, given a time from rest to rest, is offered, and that is judged like any. Medians, and the
-most [s].
+Walls are randomly rotated, 2 cm thick and up to 0.4 m wide, in a cube of 3 m (in the plane, sixty of them in a
+square). comove's default is timed to its first verified motion, to the first whose objective is within 1 % of the
+last one's, and in all; OMPL until its path, given a time law from rest to rest, is offered, which is then verified.
+Medians, and the most [s].
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BUDGET = 30.0  # s
 
 
 def main() -> None:
-    """Draw, solve and print the table."""
+    """Sample, solve and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def timed(scene: comove.Scene) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Whether each system's motion is verified, and its seconds, of comove and of OMPL."""
+    """Return success and seconds of comove and of OMPL."""
     watch, begun = Watch(), time.perf_counter()
     solution = comove.solve(scene, budget=BUDGET, progress=watch)
     whole = time.perf_counter() - begun
@@ -62,7 +62,7 @@ def timed(scene: comove.Scene) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def drawn(n_dims: int, rng: np.random.Generator) -> comove.Scene:
-    """A bar of 0.3 m that goes from one corner to the opposite one."""
+    """Sample a scene with a bar of 0.3 m across corners."""
     start, goal, half = np.full(n_dims, -0.15), np.full(n_dims, SIDE + 0.15), np.zeros(n_dims)
     half[0] = 0.15
     while True:

@@ -1,12 +1,12 @@
-"""Latency of the workbench: from the last movement of a drag to the first verified motion, without a browser.
+"""Latency of the workbench, from a drag to a verified motion.
 
     python -m benchmarks.workbench [--drags 100] [SCENE ...]
     python -m benchmarks.workbench --memory                      # of page and planner, over 1000 drags
     python -m benchmarks.workbench --frames                      # in a browser, with 500 obstacles
 
 Every drag takes an obstacle, a start or a goal, and moves it in `STEPS` steps to a random place near its own, as a
-hand would: a step every `PERIOD`. What is timed is what the page does: the draft goes to the planner's process, and
-its first verified answer to the last step comes back with all that is drawn. Drags that end where no scene can be (a
+person would: a step every `PERIOD`. What is timed is what the page does: the draft goes to the planner's process, and
+its first verified answer to the last step comes back with all that is drawn. Drags that end in no valid scene (a
 start inside an obstacle), or where no motion is found, are counted apart, with the time after which the page says so.
 The next drag begins with the first answer, as that of a person who does not wait: it ends the search before it.
 """
@@ -40,7 +40,7 @@ SCENES = [
 
 
 def answer_to(number, answers, kinds=("kept", "found", "solved", "failed")):
-    """Wait for the first answer of some kinds to one draft; return its kind, and when it came [s]."""
+    """Wait for a draft's first answer of some kinds. Return its kind, and when it came [s]."""
     until = time.perf_counter() + ENOUGH
     while True:
         answer = answers.get(timeout=max(until - time.perf_counter(), 0.01))
@@ -49,7 +49,7 @@ def answer_to(number, answers, kinds=("kept", "found", "solved", "failed")):
 
 
 def dragged(scene, link, answers, rng):
-    """Make one drag; return what came of it and after which time [s]."""
+    """Make one drag; return its result and latency [s]."""
     contents = contents_of(scene)
     grips = grips_of(scene)
     grip = grips[rng.integers(len(grips))]
@@ -69,7 +69,7 @@ def dragged(scene, link, answers, rng):
 
 
 def measured(path, n_drags, seed):
-    """Drag many times in one scene, and print a row of the table."""
+    """Drag many times in one scene; print a row."""
     scene, answers, rng = read_scene(path), queue.Queue(), np.random.default_rng(seed)
     link = Link(path.parent, lambda _, answer: answers.put(answer))
     number = link.submit(Draft(contents_of(scene)), PageSettings().times_of(scene))
@@ -96,7 +96,7 @@ def measured(path, n_drags, seed):
 
 
 def drag_on_page(session, grips, home, rng):
-    """Make one drag of `STEPS` movements on a page, and wait until its planner has answered."""
+    """Drag on a page in `STEPS` movements, and wait for its planner."""
     grip = grips[rng.integers(len(grips))]
     reach = REACH * float((session.scene.upper - session.scene.lower).max())
     there = home[grip] + rng.uniform(-reach, reach, 3)
@@ -113,7 +113,7 @@ def drag_on_page(session, grips, home, rng):
 
 
 def memory(n_drags, seed, every=100):
-    """Print the memory of a page's server and of its planner while things are dragged on one page."""
+    """Print the memory of server and planner during drags."""
     from comove.view.workbench.server import serve
     from comove.view.workbench.session import Session
     from tests.view.workbench.pages import Page
@@ -154,7 +154,7 @@ def memory(n_drags, seed, every=100):
 
 
 def crowded(n_obstacles, seed):
-    """Return the contents of a scene in space with many balls beside the way, one in five moving."""
+    """Return a spatial scene with many balls, one in five moving."""
     rng, obstacles = np.random.default_rng(seed), []
     while len(obstacles) < n_obstacles:
         x, y, z = rng.uniform(0.02, 0.98, 3).round(4).tolist()
@@ -182,7 +182,7 @@ INTERVALS = """count => new Promise(done => {
 
 
 def frames(n_obstacles, seed, n_frames=30):
-    """Print how long a state takes to be sent, and how often a browser draws without graphics card."""
+    """Print the latency of a state, and the browser's frame rate."""
     from tests.view.workbench.browser import Bench, browser
 
     with tempfile.TemporaryDirectory() as folder, browser() as chromium:

@@ -15,7 +15,7 @@ from comove.view.figures import draw_library, save
 
 
 def wall(x: float, gap: float) -> list[dict]:
-    """A wall across the workspace with a gap around one height [m]."""
+    """Return a wall with a gap around a height [m]."""
     low, high = gap - 0.09, 1 - gap - 0.09
     return [
         {"shape": "box", "center": [x, low / 2], "size": [0.06, low]},

@@ -33,13 +33,13 @@ NOISE = 0.002  # m
 
 
 def disc(time):
-    """Points on a disc that crosses the way; array, shape (n_points, 2) [m]."""
+    """Return points on a disc that crosses the path [m]. Array, shape (n_points, 2)."""
     angle = np.linspace(0, 2 * np.pi, 50)
     return [0.5, 0.95 - 0.2 * time] + 0.07 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def box(time):
-    """Points on a box that comes towards the load, from 1 s on."""
+    """Return points on a box that approaches the payload from 1 s."""
     side = np.linspace(-0.05, 0.05, 11)
     ends = np.full(11, 0.05)
     border = [(side, ends), (side, -ends), (ends, side), (-ends, side)]
@@ -48,7 +48,7 @@ def box(time):
 
 
 def scan(time):
-    """What the scanner sees: both, with noise, and a point where it sees nothing."""
+    """Return noisy points of both obstacles, and an invalid one."""
     points = np.concatenate([disc(time), box(time), [[np.nan, np.nan]]])
     return points + NOISE * rng.standard_normal(points.shape)
 

@@ -2,8 +2,8 @@
 Follow a demonstration
 ======================
 
-A person's handwriting is carried to both hands. How near to it they stay is one number, between 0 and 1; walls
-and the bar's length are kept whatever it is.
+A person's handwriting is adapted to both end effectors. One number between 0 and 1 sets their closeness to it; walls
+and the bar's length are respected for any value.
 """
 
 import comove

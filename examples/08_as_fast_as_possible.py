@@ -2,8 +2,8 @@
 As fast as possible
 ===================
 
-Without a duration the shortest is found in which speed, acceleration and jerk of every hand keep their limits, at
-every instant. The path changes too: a fast way through a gap is not the smoothest one.
+Without a duration, the shortest one is found that keeps speed, acceleration and jerk of every end effector within
+limits, at every instant. The path changes too: a fast path in a gap is not the smoothest one.
 """
 
 import comove

@@ -2,8 +2,8 @@
 Among things that move
 ======================
 
-The motions of a disc and of a box are known. The plan is one in space and time, and the certificate covers what moves
-at every instant. Darker is later.
+The motions of a disc and of a box are known. The plan is one in space and time, and the certificate covers moving
+obstacles at every instant. Darker is later.
 """
 
 import sys

@@ -13,12 +13,12 @@ from comove.view.figures import draw_side_by_side, save
 
 
 def height(motion: Samples) -> float:
-    """Return the mean height of the hands [m]."""
+    """Return the mean height of the end effectors [m]."""
     return motion.position[..., 1].mean()
 
 
 def slow(motion: Samples) -> float:
-    """Return by how much a hand is faster along x than 0.25 m/s."""
+    """Return an end effector's excess of 0.25 m/s along x."""
     return abs(motion.velocity[..., 0]).max() - 0.25
 
 

@@ -2,7 +2,8 @@
 What samples miss
 =================
 
-A hand passes a thin wall between two samples: at every sample it is clear. The judge looks at the curve, and says no.
+An end effector crosses a thin wall between two samples: at every sample it is clear. The curve
+fails the verification.
 """
 
 import numpy as np

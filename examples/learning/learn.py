@@ -1,13 +1,13 @@
-"""Learn to carry a bar from generated episodes, and let comove's judge say how well.
+"""Learn to carry a bar from generated episodes, and verify the results.
 
     comove generate examples/learning/gate.yaml --out gates --format npz --rate 20
     python examples/learning/learn.py gates --numbers 10 100 1000
 
-A policy is told the share of the time that has passed, where the hands, their goals and the obstacles are, and says
-where the hands are to be at the next samples: a chunk, of which the beginning is done before it looks again. It is
-trained by imitation alone, on the first 10, 100 and 1000 episodes, and then carries the bar in scenes that were drawn
-in the same way and never generated. Each policy does so twice: its hands go where it says, or to the nearest pose of
-the bar, so that no output can pull at it. What happened is judged as every execution is, between the samples too.
+A policy gets the share of the elapsed time, the end effectors, their goals and the obstacles, and returns the end
+effectors at the next samples: a chunk, of which the beginning is executed before the next query. It is trained by
+imitation alone, on the first 10, 100 and 1000 episodes, and then carries the bar in unseen scenes from the same
+distribution. Each policy does so twice: its end effectors move as it says, or to the nearest pose of the bar, so
+that no output can strain it. The motion is verified as every execution is, between the samples too.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ AGAIN = "comove generate STUDY --out DIR --format npz --rate 20"
 
 @dataclass(frozen=True)
 class Settings:
-    """How a policy is made.
+    """Settings of a policy.
 
     Attributes
     ----------
-    chunk, taken : samples that the policy foresees, and those of them that are done before it looks again
+    chunk, taken : samples that the policy predicts, and those of them that are executed before the next query
     width : units of each of the two hidden layers
     steps, batch : steps of gradient descent, and samples in each
     rate : largest rate of learning, which falls to zero along half a cosine
     decay : decay of the weights
-    noise : standard deviation by which hands are moved in training, so that the policy learns to come back [m]
+    noise : standard deviation by which end effectors are moved in training, so that the policy learns to return [m]
     seed : seed of the weights, the samples and the noise
     """
 
@@ -77,7 +77,7 @@ class Episodes:
     number : number of the first of them in the study
     time : array, shape (n_steps,) [s]
     hands : array, shape (n_episodes, n_steps, n_manipulators, n_dims) [m]
-    around : array, shape (n_episodes, n_values), goals of the hands and centres of the obstacles [m]
+    around : array, shape (n_episodes, n_values), goals of the end effectors and centres of the obstacles [m]
     """
 
     number: int
@@ -87,7 +87,7 @@ class Episodes:
 
     @classmethod
     def read(cls, folder: Path, count: int) -> Episodes:
-        """Read the first episodes that `comove generate` has written as NPZ."""
+        """Read the first episodes of `comove generate` in NPZ format."""
         files = sorted((folder / "npz").glob("episode_*.npz"))[:count]
         if len(files) < count:
             raise ResultError(
@@ -118,15 +118,15 @@ class Episodes:
 
 
 def around_of(scene: Scene) -> np.ndarray:
-    """Return goals of the hands and centres of the obstacles, as episodes hold them; array, (n_values,) [m]."""
+    """Return end-effector goals and obstacle centres, as in episodes [m]. Array, shape (n_values,)."""
     return np.append(scene.goal, scene.centers[:, : scene.n_dims])
 
 
 class Policy(torch.nn.Module):
-    """Says where hands are to be, from the share of the time, where they are, and what is around them."""
+    """Policy from elapsed time, end effectors and surroundings to motion."""
 
     def __init__(self, seen: torch.Tensor, ahead: torch.Tensor, settings: Settings):
-        """Scale inputs and outputs as they are spread in the episodes."""
+        """Scale inputs and outputs by their spread in the episodes."""
         super().__init__()
         self.settings, width = settings, settings.width
         self.middle, self.spread = seen.mean(0), seen.std(0) + 1e-3  # m: what hardly varies says little
@@ -140,12 +140,13 @@ class Policy(torch.nn.Module):
         )
 
     def forward(self, seen: torch.Tensor) -> torch.Tensor:
-        """Return the next hands relative to where they are, in units of their spread."""
+        """Return the next end effectors' displacements, in units of their spread."""
         return self.layers((seen - self.middle) / self.spread)
 
     @torch.no_grad()
     def next_hands(self, share: float, hands: np.ndarray, around: np.ndarray) -> np.ndarray:
-        """Return the next hands in several scenes; array, shape (n_scenes, taken, n_manipulators, n_dims) [m]."""
+        """Return the next end effectors in several scenes [m]. Array, shape (n_scenes, taken, n_manipulators,
+        n_dims)."""
         flat = hands.reshape(len(hands), -1)
         seen = np.column_stack([np.full(len(flat), share), flat, around])
         moved = self(torch.from_numpy(seen).float()) * self.reach
@@ -154,7 +155,7 @@ class Policy(torch.nn.Module):
 
 
 def trained(episodes: Episodes, settings: Settings) -> Policy:
-    """Return a policy that imitates the episodes, in the least mean square of its chunks."""
+    """Return a policy that imitates the episodes. It minimises the mean square error of its chunks."""
     torch.manual_seed(settings.seed)
     n_episodes, n_steps = episodes.hands.shape[:2]
     hands = episodes.hands.reshape(n_episodes, n_steps, -1)
@@ -185,12 +186,12 @@ def trained(episodes: Episodes, settings: Settings) -> Policy:
 def carried(
     policy: Policy, scenes: Sequence[Scene], time: np.ndarray, *, held: bool
 ) -> list[Record | RecordSamples]:
-    """Let a policy carry the load through scenes; return what happened.
+    """Execute a policy in scenes; return the records.
 
     Parameters
     ----------
     time : array, shape (n_steps,), times of the samples [s]
-    held : whether hands go to the nearest pose of the load, and not freely
+    held : whether end effectors move to the nearest pose of the payload, and not freely
     """
     loads = [load_coordinates(scene) for scene in scenes]
     around = np.stack([around_of(scene) for scene in scenes])
@@ -208,13 +209,13 @@ def carried(
 
 
 def on_load(load: Coordinates, hands: np.ndarray) -> np.ndarray:
-    """Return the hands of the poses of the load that are nearest to hands; arrays, (n_steps, n_hands, n_dims) [m]."""
+    """Return the end effectors at the nearest poses of the payload. Arrays, (n_steps, n_hands, n_dims) [m]."""
     nodes = load.nodes(np.ascontiguousarray(load.from_hands(hands).T[None]))[0]
     return nodes[:, : hands.shape[1], : hands.shape[2]]
 
 
 def record_of(scene: Scene, load: Coordinates, hands: np.ndarray, time: np.ndarray) -> Record:
-    """Return the record of a load that moves from pose to pose."""
+    """Return the record of a payload that moves from pose to pose."""
     poses = poses_at(load, load.from_hands(hands))
     centers, sagitta = scene.centers + scene.offsets(time), scene.obstacle_sagittas(time)
     return Record(scene, time, poses.center, poses.quaternion, centers, sagitta)
@@ -222,13 +223,13 @@ def record_of(scene: Scene, load: Coordinates, hands: np.ndarray, time: np.ndarr
 
 @dataclass(frozen=True)
 class Tolerances:
-    """By how much the hands may miss their goals, and their distance at any instant [m]."""
+    """Tolerances of goals, and of distances at any instant [m]."""
 
     goal: float = 0.01
     distance: float = 0.005
 
     def met(self, report: ExecutionReport) -> tuple[bool, bool, bool]:
-        """Return whether the load arrived, nothing was touched, and the distance was kept."""
+        """Return whether goals, clearance and distance were kept."""
         return (
             report.end_error <= self.goal,
             report.clearance_min > 0.0,
@@ -237,7 +238,7 @@ class Tolerances:
 
 
 def row_of(reports: Sequence[ExecutionReport], tolerances: Tolerances) -> list[str]:
-    """Return the shares of scenes in which each and all was met, and what the distance was off by in the median."""
+    """Return the success shares of scenes, and the median distance error."""
     met = np.array([tolerances.met(report) for report in reports])
     shares = [*met.mean(axis=0), met.all(axis=1).mean()]
     off = 1000 * float(np.median([report.distance_error_max for report in reports]))
@@ -245,7 +246,7 @@ def row_of(reports: Sequence[ExecutionReport], tolerances: Tolerances) -> list[s
 
 
 def draw(rows: Sequence[tuple[str, Sequence[RecordSamples]]], tolerances: Tolerances) -> Any:
-    """Draw motions of several policies, a row each, in the same scenes."""
+    """Draw motions of several policies in the same scenes. Each policy has a row."""
     columns = len(rows[0][1])
     figure = new_figure(4.2 * columns, 3.4 * len(rows))
     for i, (title, records) in enumerate(rows):
@@ -260,7 +261,7 @@ def draw(rows: Sequence[tuple[str, Sequence[RecordSamples]]], tolerances: Tolera
 
 
 def draw_record(axes: Any, record: RecordSamples, tolerances: Tolerances) -> None:
-    """Draw one motion in the plane, the load red where it touches, orange where the distance is off."""
+    """Draw a planar motion, with contacts red and distance errors orange."""
     scene = record.scene
     draw_frame(axes, scene, (0, 1))
     for obstacle in scene.obstacles:
@@ -275,13 +276,13 @@ def draw_record(axes: Any, record: RecordSamples, tolerances: Tolerances) -> Non
 
 
 def unseen(study: Study, first: int, count: int) -> list[Scene]:
-    """Return scenes that are drawn as the episodes were, from a number on that none of them has."""
+    """Return unseen scenes from the episodes' distribution. `first` is the number of the first one."""
     drawn = [study.draw(number) for number in range(first, first + count)]
     return [found.scene for found in drawn if found.scene is not None]
 
 
 def main() -> None:
-    """Train a policy for each number of episodes, let it carry the load in unseen scenes, and print the shares."""
+    """Train and test a policy for each number of episodes. The shares of successful scenes are printed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -307,7 +308,7 @@ def main() -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Do what the command line asks for."""
+    """Run the command."""
     if min(options.numbers) < 1 or options.scenes < 4 or options.steps < 1:
         raise OptionError(
             "there is nothing to learn or to show", way_out="give numbers above 0, and 4 scenes or more"

@@ -1,4 +1,4 @@
-"""The command line: one short file per verb. Only these files map names on the command line to objects."""
+"""Command line: one short file per verb. Only these files map names on the command line to objects."""
 
 from comove.cli.app import main
 

@@ -1,4 +1,4 @@
-"""The application: verbs, exit codes, and the output of errors and warnings."""
+"""Application: verbs, exit codes, and output of errors and warnings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ WITH_ROBOT = "Options that apply only with a robot"
 
 
 class Verb(TyperCommand):
-    """A command whose help lists the options of a panel, such as `WITH_ROBOT`, in a section of their own."""
+    """Command whose help lists panels, such as `WITH_ROBOT`, as own sections."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the sections of arguments and options."""
@@ -57,13 +57,13 @@ class Verb(TyperCommand):
 
 
 def _panel(parameter: Any) -> str | None:
-    """Return the name of the section of the help that lists a parameter; None for the usual one."""
+    """Return the help section of a parameter; None for the default."""
     panel: str | None = getattr(parameter, "rich_help_panel", None)
     return panel
 
 
 def sub_application(name: str, about: str, **options: Any) -> typer.Typer:
-    """Return a new group of verbs, `comove NAME VERB`; options are those of Typer."""
+    """Return a new group of verbs, `comove NAME VERB`. `options` are those of Typer."""
     group = typer.Typer(name=name, help=about, **STYLE, **options)
     group.callback(help=about)(lambda: None)  # so that a single verb is still named
     app.add_typer(group)
@@ -71,10 +71,8 @@ def sub_application(name: str, about: str, **options: Any) -> typer.Typer:
 
 
 def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Command], Callable[..., None]]:
-    """Return a decorator that registers a command, which returns its exit code and may raise `ComoveError`.
-
-    A parameter whose type is a dataclass stands for the options that are the fields of that, which several commands
-    may share.
+    """Return a decorator that registers a command. The command returns its exit code and may raise `ComoveError`. A
+    parameter whose type is a dataclass stands for the options that are its fields, which several commands may share.
     """
 
     def register(function: Command) -> Callable[..., None]:
@@ -103,11 +101,11 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
 
 
 def former_verb_of(group: typer.Typer, command: Callable[..., None]) -> None:
-    """Register a verb under its former name as well, `comove GROUP VERB`: hidden, and with a warning.
+    """Register a verb also under its former name, `comove GROUP VERB`. It is hidden and prints a warning.
 
     Parameters
     ----------
-    command : the verb, as `verb` has returned it
+    command : the verb, as returned by `verb`
     """
     verb = command.__name__
     former = f"{group.info.name} {verb}"
@@ -124,7 +122,7 @@ def former_verb_of(group: typer.Typer, command: Callable[..., None]) -> None:
 
 
 def _options_of(function: Any) -> tuple[list[Parameter], dict[str, Any]]:
-    """Return the options of a command, or of a dataclass, and apart its parameters that are groups of options."""
+    """Return the options of a command or dataclass, and its option groups."""
     types = get_type_hints(function, include_extras=True)
     options, groups = list[Parameter](), dict[str, Any]()
     for name, parameter in signature(function).parameters.items():
@@ -145,10 +143,8 @@ NOT_AGAIN = frozenset({"out", "json", "no_pictures", "workers", "dask"})
 
 
 def command_words() -> list[str | Path]:
-    """Return the words after ``comove`` that repeat the running command; names of files as `Path`.
-
-    They are its verb, its arguments and the options unlike their defaults, without those of `NOT_AGAIN`.
-    """
+    """Return the words after ``comove`` that repeat the running command. They are its verb, its arguments and the
+    options unlike their defaults, without those of `NOT_AGAIN`; file names are given as `Path`."""
     (context,) = _running
     words: list[str | Path] = []
     place: Any = context
@@ -171,12 +167,12 @@ def command_words() -> list[str | Path]:
 
 
 def requires_robot() -> bool:
-    """Return whether the running command is a former verb of robots, which is refused without one."""
+    """Return whether the running command is a former verb of robots. Such a command is refused without a robot."""
     return bool(_running and _running[0].command.hidden)
 
 
 def refuse_robot_options(message: str, way_out: str) -> None:
-    """Refuse options of the running command that apply only with a robot."""
+    """Refuse options of the running command that require a robot."""
     (context,) = _running
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")
@@ -213,7 +209,7 @@ def options(
         False, "--version", callback=_version, is_eager=True, help="Show the version."
     ),
 ) -> None:
-    """Several manipulators carry one load: coordinated movement primitives, verified in continuous time."""
+    """Plan, verify and run coordinated motions of several manipulators."""
 
 
 VERBS = (
@@ -224,14 +220,14 @@ VERBS = (
 
 
 def whole_application(verb: str = "") -> typer.Typer:
-    """Return the application with all its verbs, or with `verb` alone where there is one of that name."""
+    """Return the application with all verbs, or with `verb` alone."""
     for name in (verb,) if verb in VERBS else VERBS:
         import_module(f"comove.cli.{name}")
     return app
 
 
 def main() -> None:
-    """Run the `comove` command; it always ends in one of the documented exit codes."""
+    """Run the `comove` command, which ends in a documented exit code."""
     guard_streams()
     _unwind_when_ended()
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -252,7 +248,7 @@ def main() -> None:
 
 
 def _unwind_when_ended() -> None:
-    """Make signals that end a process act like an interruption, so that unfinished files are removed."""
+    """Make ending signals interrupt the process, so that drafts are removed."""
 
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
@@ -264,7 +260,7 @@ def _unwind_when_ended() -> None:
 
 
 def _told(error: BaseException) -> int:
-    """Print in one sentence what ended the command; return its exit code."""
+    """Print in one sentence why the command ended; return its exit code."""
     words, code = " ".join(str(error).split()), BAD_INPUT
     if isinstance(error, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
@@ -297,7 +293,7 @@ def _told(error: BaseException) -> int:
 
 
 def _report(error: BaseException) -> str:
-    """Write a file that helps to correct a defect; return where it is."""
+    """Write a defect report to a file; return its path."""
     import platform
     import tempfile
     import traceback
@@ -328,7 +324,7 @@ INSTEAD = "instead of what SCENE says"
 
 @dataclass(frozen=True)
 class RunLimits:
-    """Options that change what a scene asks of an execution."""
+    """Options that override limits of a scene for executions."""
 
     duration: Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")] = None
     speed: Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")] = None
@@ -341,7 +337,7 @@ class RunLimits:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """Return the options that were given, as the argument `changes` of `Scene.load`."""
+        """Return the given options as the argument `changes` of `Scene.load`."""
         given = {key: value for key, value in vars(self).items() if value is not None}
         changes = {"duration": given.pop("duration")} if "duration" in given else {}
         return changes | ({"limits": given} if given else {})
@@ -349,6 +345,6 @@ class RunLimits:
 
 @dataclass(frozen=True)
 class SceneLimits(RunLimits):
-    """Options that change what a scene asks of a motion."""
+    """Options that override limits of a scene for motions."""
 
     jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None

@@ -1,4 +1,4 @@
-"""The verbs of `comove bench`."""
+"""Verbs of `comove bench`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Store = Annotated[Path, typer.Argument(metavar="STORE", help="File of runs (SQLi
 
 
 def names_of(given: list[str]) -> list[str]:
-    """Return the distinct names in options that may be repeated or hold several names with commas."""
+    """Return the distinct names in repeated or comma-separated options."""
     return list(dict.fromkeys(name.strip() for text in given for name in text.split(",") if name.strip()))
 
 
@@ -37,7 +37,7 @@ def draw(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers; the frozen sets have 0.")] = 0,
 ) -> int:
-    """Draw scenes as those of SET are drawn."""
+    """Sample scenes from the distribution of SET."""
     from comove.lab.bench.sets import draw_set
 
     count = draw_set(name, out, count, seed)
@@ -73,7 +73,7 @@ def run(
         int, typer.Option(metavar="N", help="Runs at a time; more than one share the machine's memory.")
     ] = 1,
 ) -> int:
-    """Run systems on the frozen sets, or on scenes of one's own; what is in the file already is not run again."""
+    """Run systems on the frozen sets, or on SCENEs. Runs that the file holds already are not repeated."""
     from comove.lab.bench.runner import jobs_of, run_all
     from comove.lab.bench.sets import own_scenes, scenes_of
     from comove.lab.registry import systems_named
@@ -91,7 +91,7 @@ def run(
 def report(
     store: Store, out: Annotated[Path, typer.Option(help="Folder for report.md and its pictures.")]
 ) -> int:
-    """Say what the runs of STORE show: success, times, costs, and what is missing."""
+    """Report success, times, costs and missing runs of STORE."""
     from comove.io.folders import check_target
     from comove.lab.bench.report import CONTENTS, REPORT, write_report
     from comove.lab.bench.store import RunStore
@@ -106,7 +106,7 @@ def report(
 def export(
     store: Store, out: Annotated[Path, typer.Option(help="File for the table (Parquet); it is replaced.")]
 ) -> int:
-    """Write the runs of STORE as a Parquet file, a row each."""
+    """Write the runs of STORE as a Parquet file, one row each."""
     from comove.lab.bench.store import RunStore
 
     count = RunStore.open(store).write_parquet(out)
@@ -129,7 +129,7 @@ def scaling(
         bool, typer.Option("--no-solve", help="Leave out the times of whole solves.")
     ] = False,
 ) -> int:
-    """Measure how the time grows with what is asked, and fit exponents."""
+    """Measure how solve times grow, and fit exponents."""
     from comove.processes import ONE_THREAD
 
     os.environ.update(
@@ -152,7 +152,7 @@ def ablation(
     budget: Annotated[float, typer.Option(help="Seconds a run.")] = 15.0,
     workers: Annotated[int, typer.Option(metavar="N", help="Runs at a time.")] = 1,
 ) -> int:
-    """Leave out each repair of the paper's method by itself, and say what it is worth."""
+    """Measure the effect of each repair of the paper's method. Each repair is left out by itself."""
     from comove.errors import ResultError
     from comove.io.files import whole_file
     from comove.lab.bench.runner import jobs_of, run_all

@@ -18,7 +18,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for results and figures.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
 ) -> int:
-    """Solve the examples from a person's recorded movement and draw the paper's Figures 3 to 5."""
+    """Solve the examples and draw the paper's Figures 3 to 5. The demonstration is a person's recorded movement."""
     from comove.cli.progress import progress_bar, time_spent
     from comove.dmp import DMP
     from comove.io.folders import check_target, whole_folder

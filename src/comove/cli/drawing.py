@@ -1,4 +1,4 @@
-"""Pictures of a result, drawn by a process that loads Matplotlib while the search goes on."""
+"""Drawing of results by a process that loads Matplotlib in advance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def drawing_ahead(wanted: bool) -> Iterator[Drawer | None]:
-    """Yield a process that prepares to draw; None where nothing is drawn, or there is no core for it."""
+    """Yield a process that prepares to draw. Yield None where nothing is drawn, or there is no core for it."""
     from comove.processes import ALONE, Ahead, n_processors
     from comove.view.figures.pictures import drawn
 
@@ -38,11 +38,11 @@ def drawing_ahead(wanted: bool) -> Iterator[Drawer | None]:
 
 
 def add_pictures(pictures: Pictures, folder: Path, identity: int, drawer: Drawer | None) -> None:
-    """Draw pictures into a result folder that is whole without them, each as a whole; warn if they fail.
+    """Draw pictures into a complete result folder; warn on failure.
 
     Parameters
     ----------
-    identity : of the folder (`comove.io.folders.identity_of`): another in its place gets none
+    identity : of the folder (`comove.io.folders.identity_of`): a folder that replaced it gets no pictures
     """
     from comove.io.folders import add_files
     from comove.view.figures.pictures import drawn

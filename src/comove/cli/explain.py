@@ -15,7 +15,7 @@ from comove.errors import OptionError, kinds, near_name
 def explain(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Name of an error.")] = None,
 ) -> int:
-    """Say what an error means and how to mend it, with an example; without a name, list all errors."""
+    """Explain an error and its correction, with an example. Without a name, list all errors."""
     texts = {known: inspect.getdoc(kind) or "" for known, kind in kinds().items()}
     if name is None:
         for known, text in texts.items():

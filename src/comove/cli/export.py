@@ -38,7 +38,7 @@ def export(
     *,
     trusted: o.Trusted,
 ) -> int:
-    """Verify the motion in DIR anew and write it there in a format that robots play."""
+    """Verify the motion in DIR again and export it for a robot."""
     from comove.cli.texts import in_rows
     from comove.robots.transfers import possible_transfers
     from comove.ros import FORMATS as KINDS

@@ -54,7 +54,8 @@ def generate(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
-    """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
+    """Generate a dataset of verified motions, as STUDY defines. Scenes are sampled and solved, verified motions
+    kept, and their variety is reported."""
     from comove.data import Study
     from comove.data.datasets import FORMATS, export_episodes
     from comove.data.datasets.export import check_export
@@ -98,7 +99,7 @@ def generate(
 
 
 def _contact_sheet(out: Path, scenes: Path) -> Path | None:
-    """Draw the first verified episodes beside the report; return the picture's path, None where there is none.
+    """Draw the first verified episodes; return the picture's path or None.
 
     Parameters
     ----------
@@ -120,7 +121,8 @@ def _contact_sheet(out: Path, scenes: Path) -> Path | None:
 
 
 def _formats(named: list[str], study: Study, shard: str) -> Sequence[str]:
-    """Return the formats that are written: those of the command, else those of the study unless a part is run."""
+    """Return the formats to write. They are those of the command, else those of the study unless only a shard is
+    run."""
     from comove.data.datasets import FORMATS
 
     for name in named:
@@ -133,7 +135,7 @@ def _formats(named: list[str], study: Study, shard: str) -> Sequence[str]:
 
 
 def _text(report: StudyReport) -> str:
-    """Return what a study shows, in a few lines."""
+    """Return a summary of a study in a few lines."""
     lines = [
         f"{report.ended} of {report.total} episodes: {s.statuses_text(report)}",
         f"  verified       {100 * report.verified_share:.1f} % of those with a valid scene; "
@@ -165,7 +167,7 @@ def _sides(found: Variety) -> str:
 
 
 def _joint_lines(report: StudyReport) -> list[str]:
-    """Return what joints and simulations of a robot show, in a few lines."""
+    """Return lines on a robot's joints and simulations."""
     figures, lines = report.figures, []
     if (speed := figures.get("joints.velocity_ratio_max")) is not None:
         torque, margin = figures["joints.torque_ratio_max"], figures["joints.joint_margin_min"]

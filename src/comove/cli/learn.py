@@ -38,7 +38,7 @@ def learn(
     ] = None,
     reading: r.Reading,
 ) -> int:
-    """Fit a movement primitive to DEMO, or a distribution of movements to several; save and draw it."""
+    """Fit a movement primitive to DEMO; save and draw it. Several recordings give a distribution of movements."""
     from comove.cli.texts import learned_text
     from comove.dmp import learn, learn_distribution, write_primitive
     from comove.dmp.demonstrations import Demonstration

@@ -1,4 +1,4 @@
-"""The verbs of `comove library`."""
+"""Verbs of `comove library`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def add(
     learning: r.Learning,
     reading: r.Reading,
 ) -> int:
-    """Learn movements from recordings, or take primitives, and keep them in the library."""
+    """Add primitives or learned movements to the library."""
     from comove.cli.texts import learned_text
     from comove.dmp import Library, learn, read_primitive
     from comove.dmp.files import renamed
@@ -86,7 +86,7 @@ def list_primitives(
     json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
     out: Annotated[Path | None, typer.Option(help="Picture of all of them (PNG, PDF or SVG).")] = None,
 ) -> int:
-    """List the primitives of the library; damaged files are named, others left alone."""
+    """List the primitives of the library. Damaged files are named, other files ignored."""
     from comove.cli.texts import as_table
     from comove.dmp import Library
 
@@ -152,7 +152,7 @@ def show(
     folder: Folder = FOLDER,
     out: Annotated[Path | None, typer.Option(help="Picture of it (PNG, PDF or SVG).")] = None,
 ) -> int:
-    """Print what is known of a primitive, and draw it."""
+    """Print the data of a primitive, and draw it."""
     from comove.cli.texts import learned_text
     from comove.dmp import Library
     from comove.dmp.recordings import recording_of
@@ -186,7 +186,7 @@ def find(
     limit: Annotated[int, typer.Option(help="How many to list.")] = 10,
     json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> int:
-    """Rank the primitives of the library by their distance from what is wanted."""
+    """Rank the primitives of the library by a query. The query is any of start, goal, duration and shape."""
     from comove.cli.texts import as_table
     from comove.dmp import Library
     from comove.dmp.recordings import read_recording
@@ -223,7 +223,7 @@ def find(
 
 
 def _numbers(option: str, text: str | None) -> list[float] | None:
-    """Return the coordinates in a text with commas between them; None for None."""
+    """Return the coordinates in a comma-separated text; None for None."""
     if text is None:
         return None
     try:
@@ -244,7 +244,7 @@ def combine(
     budget: o.Budget = 30.0,
     picture: Annotated[Path | None, typer.Option(help="Picture of the motion (PNG, PDF or SVG).")] = None,
 ) -> int:
-    """Combine primitives into one that gets through SCENE, and save it."""
+    """Combine primitives into one that solves SCENE, and save it."""
     from comove._version import __version__
     from comove.cli.progress import progress_bar
     from comove.dmp import Library, Primitive, write_primitive

@@ -1,4 +1,4 @@
-"""Options that several verbs share, and the objects that they name."""
+"""Options shared by several verbs, and the objects that they name."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ PresentFile = Annotated[Path | None, typer.Option("--present", **_PRESENT)]
 
 @dataclass(frozen=True)
 class ApproachOptions:
-    """Options of how a robot comes to the payload, and leaves it."""
+    """Options of a robot's approach to the payload, and its release."""
 
     present: Annotated[Path | None, typer.Option("--present", rich_help_panel=WITH_ROBOT, **_PRESENT)] = None
     transfers: Annotated[
@@ -99,7 +99,7 @@ class ApproachOptions:
     ] = False
 
     def wanted(self, robot: Robot) -> dict[str, Any]:
-        """Return the arguments of `comove.solve` that they stand for."""
+        """Return the equivalent arguments of `comove.solve`."""
         from comove.robots.present import read_present
 
         return {
@@ -110,7 +110,7 @@ class ApproachOptions:
 
 
 def require_approach(present: Path | None, approach: bool) -> None:
-    """Refuse present joints where no approach begins at them."""
+    """Refuse present joints where no approach starts at them."""
     if present is not None and not approach:
         raise OptionError(
             "no approach is asked for, which would begin there", key="--present", way_out="leave it out"
@@ -118,7 +118,7 @@ def require_approach(present: Path | None, approach: bool) -> None:
 
 
 def present_in(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
-    """Return the joints at which the approach begins: those of a file, or else those of the result folder."""
+    """Return the approach's start joints, from the file or the folder."""
     from comove.robots.present import read_present, stored_present
 
     return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)
@@ -126,7 +126,7 @@ def present_in(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> 
 
 @dataclass(frozen=True)
 class Trusted:
-    """Options of what a robot's motion in a folder is verified against."""
+    """Options of the trusted scene and robot for verifying a motion."""
 
     scene: Annotated[
         Path | None, typer.Option(help="Scene file that you trust; the folder's own scene unless given.")
@@ -139,7 +139,7 @@ class Trusted:
     ] = None
 
     def verified(self, folder: Path) -> VerifiedJointMotion:
-        """Return the joint motion in a folder, verified anew, and print what it was verified against."""
+        """Verify and return the joint motion in a folder; print its references."""
         from comove.cli.texts import say
         from comove.model import Scene
         from comove.stored import ResultPart, parts_of
@@ -159,7 +159,7 @@ class Trusted:
 
 
 def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
-    """Return whether a robot's joints are looked at: where the scene or the command names one."""
+    """Return whether joints are planned, as scene or command name a robot."""
     if requires_robot():
         return True
     if hands_alone and robot is not None:
@@ -168,7 +168,7 @@ def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
 
 
 def require_carried(robot: Robot, loaded: Scene, scene: Path) -> None:
-    """Refuse a scene that no robot carries, or not this one."""
+    """Refuse a scene without a payload that this robot can carry."""
     from comove.robots.solving import require_carried
 
     try:
@@ -179,7 +179,7 @@ def require_carried(robot: Robot, loaded: Scene, scene: Path) -> None:
 
 
 def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:
-    """Return the robot named by the command line, or else by the scene, and its description's name or path."""
+    """Return the robot of command line or scene, and its description."""
     from comove.robots import Robot, bundled_robots, find_description
 
     named = name if name is not None else scene.file.robot
@@ -199,7 +199,7 @@ def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str 
 
 
 def require_one_of(name: str, known: Sequence[str], what: str) -> None:
-    """Refuse an unknown name; `what` it names is the option as well."""
+    """Refuse an unknown name for the option `what`."""
     if name not in known:
         raise OptionError(f"unknown {what} '{name}'", key=f"--{what}", way_out=near_name(name, known))
 
@@ -220,7 +220,7 @@ def method_named(name: str, known: Sequence[str] = tuple(METHODS)) -> Method:
 def objective_of(
     name: str | None, resemblance: float | None, weights: str | None, scene: Scene, smooth: bool
 ) -> Criterion | None:
-    """Return the objective named by the command line, or else by the scene; None if `solve` shall choose.
+    """Return the objective named by the command line or the scene. Return None where `solve` shall choose.
 
     Parameters
     ----------
@@ -271,10 +271,8 @@ def _weights(text: str) -> dict[str, float]:
 def movement_given(
     scene: Scene, file: Path, demonstration: Path | None, library: Path | None, resemblance: float | None
 ) -> tuple[Library | None, Any]:
-    """Return the library that a command names, or else the movement that it or its scene names.
-
-    What a scene names is returned beside a library as well, for the method that combines both.
-    """
+    """Return the library and the movement that command or scene name. The scene's movement is returned beside a
+    library too, since one method combines both."""
     from comove.dmp import Library
     from comove.model import demonstration_of
     from comove.planning.choice import suitable
@@ -303,11 +301,11 @@ def _plane_of(scene: Scene) -> str | None:
 def from_library(
     library: Library, scene: Scene, method: Method, seed: int, budget: float
 ) -> tuple[str, DMP | ProMP]:
-    """Return a description of the movement that a library offers for a scene, and the movement itself.
+    """Return a description and the movement that a library offers.
 
-    The paper's pipeline (III) combines several movements for one hand in the environment, after [6], and gives the
-    result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
-    To combine them takes up to a quarter of the budget besides.
+    The paper's pipeline (III) combines several movements for one end effector in the environment, after [6], and
+    gives the result to all end effectors; the paper's methods get this movement. Other methods get the most suitable
+    single movement. The combination takes up to a quarter of the budget in addition.
     """
     from comove.dmp import ProMP
     from comove.lab.evolution import Paper, Printed, combine
@@ -329,7 +327,7 @@ def from_library(
 
 
 def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
-    """Return the movement of a primitive's file or a recording, or the distribution of a folder of recordings."""
+    """Return the movement in a file, or distribution in a folder."""
     from comove.dmp import ProMP, read_primitive
     from comove.dmp.recordings import is_several, read_recording, read_several
     from comove.model import fitted, followed_in
@@ -350,7 +348,7 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
 
 
 def check_picture(path: Path | None) -> None:
-    """Check, before a long computation, that a picture can be written to `path`, if one is wanted."""
+    """Check in advance that a picture can be written to `path`."""
     from comove.io.files import require_target
 
     if path is None:

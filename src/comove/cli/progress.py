@@ -1,4 +1,4 @@
-"""Output on standard error during long work: a progress bar on terminals, and a note on the warm-up in any case."""
+"""Progress bars on terminals, and a note on the warm-up elsewhere."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _waited = 0.0  # s, for warm-ups
 
 
 def time_spent() -> float:
-    """Return the time since this process began [s], without the time of compiling and loading kernels."""
+    """Return the time since process start [s], without compilation of kernels."""
     from comove.compiled.counting import IN_ALL
 
     return since_process_start() - IN_ALL.seconds - _waited
@@ -24,9 +24,10 @@ def time_spent() -> float:
 
 @contextmanager
 def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterator[Any]:
-    """Yield a callback for `solve` that shows generation, cost, constraint and best so far; None without a terminal.
+    """Yield a progress callback for `solve`; None without a terminal.
 
-    Where kernels must be compiled first, that is shown, and how long it will take.
+    It shows generation, cost, constraint and best so far. Where kernels must be compiled first, a note with the
+    expected time is shown.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterat
 
 
 class _Line:
-    """A line that says once that kernels are being compiled; the progress display without a terminal."""
+    """Progress display without a terminal, which notes compilation once."""
 
     progress = None
 
@@ -59,7 +60,7 @@ class _Line:
 
 
 class _Bar:
-    """A bar that shows the elapsed time and fills with the processor time; it begins anew after a warm-up."""
+    """Bar of elapsed and processor time, restarted after a warm-up."""
 
     def __init__(self, budget: float | None, doing: str):
         from rich.console import Console

@@ -1,4 +1,4 @@
-"""Options of reading recordings and of learning from them."""
+"""Options for reading recordings and learning from them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PhaseName(StrEnum):
 
 @dataclass(frozen=True)
 class Learning:
-    """Options of learning a primitive."""
+    """Options for learning a primitive."""
 
     n_basis: Annotated[int, typer.Option(help="Free shape weights a dimension, 1 to 200.")] = 20
     variant: Annotated[str, typer.Option(help=f"One of: {', '.join(VARIANTS)}.")] = VARIANTS[0]
@@ -87,7 +87,7 @@ def _rate(text: str) -> float:
 
 @dataclass(frozen=True)
 class Reading:
-    """Options of reading a recording."""
+    """Options for reading a recording."""
 
     manipulator: Annotated[str | None, typer.Option(help="Whose movement, where several were recorded.")] = (
         None
@@ -154,7 +154,7 @@ class Reading:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Return the keyword arguments of `read_recording`, only those that were given."""
+        """Return the keyword arguments of `read_recording` that were given."""
         names = None if self.columns is None else [name.strip() for name in self.columns.split(",")]
         given = {**vars(self), "columns": names}
         return {
@@ -164,7 +164,7 @@ class Reading:
         }
 
     def movement(self, recording: Demonstration, named: str) -> Demonstration:
-        """Return a plausible recording, or the path of the end effector if it is one of a robot's joints.
+        """Return a plausible recording, for joints the end effector's path.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class Reading:
 
 
 def picture_target(out: Path, picture: Path | None) -> Path | None:
-    """Return where a primitive is drawn: at `picture`, or beside its file, but never over a picture of others."""
+    """Return `picture`, else a path beside `out`; None over other pictures."""
     from comove.cli.options import check_picture
 
     if picture is not None:
@@ -205,7 +205,7 @@ def picture_target(out: Path, picture: Path | None) -> Path | None:
 
 
 def check_target(path: Path) -> None:
-    """Check, before a long computation, that a primitive can be written to `path`."""
+    """Check in advance that a primitive can be written to `path`."""
     from comove.dmp.files import is_primitive
     from comove.io.files import require_target
 
@@ -217,7 +217,7 @@ def check_target(path: Path) -> None:
 
 
 def name_of_file(path: Path) -> str:
-    """Return the name of the primitive that is written to `path`."""
+    """Return the primitive's name for the file `path`."""
     from comove.dmp.recordings import name_from
 
     return name_from(path.name.removesuffix(".json").removesuffix(".dmp"))

@@ -17,7 +17,7 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
     html: Annotated[Path, typer.Option(help="File for the page.")],
 ) -> int:
-    """Write a result as one page to read and to send: numbers, what they mean, and the motion to play."""
+    """Write a result as one page with numbers and a playable motion."""
     from comove.io.files import require_target
     from comove.io.folders import require_folder
     from comove.view.workbench.recorded import write_page

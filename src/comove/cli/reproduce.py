@@ -19,7 +19,7 @@ def reproduce(
         int | None, typer.Option(help="Runs at once; as many as there are cores unless given.")
     ] = None,
 ) -> int:
-    """Run every experiment of the paper and of the systems it names; write one page with all figures."""
+    """Reproduce all experiments of the paper on one page."""
     from comove.dmp.arguments import require_count
     from comove.io.folders import whole_folder
     from comove.lab.paper.claims import ClaimVerdict

@@ -1,4 +1,4 @@
-"""`comove robot`: `convert` a model, describe a robot by `new`, `check` it, make a first `scene`."""
+"""`comove robot`: describe robots and make scenes for them. The verbs are `convert`, `new`, `check` and `scene`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def convert(
     model: Annotated[Path, typer.Argument(metavar="FILE", help="Model of MuJoCo's (MJCF).")],
     out: Annotated[Path, typer.Option(help="Folder for the URDF and its meshes; new or empty.")],
 ) -> int:
-    """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
+    """Convert a MuJoCo model to a URDF with meshes. A robot can be described from it."""
     from comove.cli.texts import in_rows
     from comove.io.folders import Contents, whole_folder
     from comove.sim.mjcf import MESHES, urdf_of
@@ -87,7 +87,8 @@ def new(
         ),
     ] = None,
 ) -> int:
-    """Propose a robot's description from its URDF: arms, tools, homes, pairs that always touch; check and draw it."""
+    """Propose a robot's description from its URDF; check and draw it. It holds arms, tools, home positions, and
+    pairs of links that always touch."""
     from comove.io.files import require_target, whole_file
     from comove.robots.proposal import examine, propose
 
@@ -130,7 +131,7 @@ def check(
         ),
     ] = None,
 ) -> int:
-    """Check a robot's description: what its arms reach and share, what touches at home; draw it."""
+    """Check and draw a robot's description. Print reach, shared workspace, and contacts at home."""
     from comove.robots import Robot, bundled_robots, find_description
     from comove.robots.proposal import examine
     from comove.robots.verification.bodies import warn_of_buried_links
@@ -152,7 +153,7 @@ def scene(
     obstacles: Obstacles = None,
     seed: o.Seed = 0,
 ) -> int:
-    """Make a first scene for a robot: two hands lift a bar over a rail; it is solved once, so that it can be."""
+    """Make and solve a first scene for a robot. Two end effectors lift a bar over a rail."""
     import os
 
     from comove.cli.texts import in_rows
@@ -195,7 +196,7 @@ def scene(
 
 
 def _around(file: Path) -> Scene:
-    """Return a scene, or the scene of a file of obstacles alone."""
+    """Return a scene, or one of the obstacles in a file."""
     from comove.io.yaml_reader import read_yaml
     from comove.model import Scene
     from comove.robots.proposal import scene_of
@@ -211,7 +212,7 @@ def _around(file: Path) -> Scene:
 
 
 def _listed(file: Path) -> list[dict[str, Any]]:
-    """Return the list of obstacles of a file, which may be a scene."""
+    """Return the obstacles in a file, which may be a scene."""
     from comove.io.yaml_reader import read_yaml
 
     found = read_yaml(file)[0].get("obstacles")
@@ -223,7 +224,7 @@ def _listed(file: Path) -> list[dict[str, Any]]:
 
 
 def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
-    """Return the obstacles of a file, with the paths of meshes relative to a scene."""
+    """Return the obstacles of a file, with meshes relative to a scene."""
     import os
 
     found = _listed(file)
@@ -244,7 +245,7 @@ def _require_new(out: Path) -> None:
 
 
 def _rated(arm: Arm) -> str:
-    """Return what an arm is rated for, in words; empty where nobody says."""
+    """Return an arm's rated payload in words; empty if unknown."""
     if arm.payload == float("inf"):
         return ""
     own = f", of which its hand takes {arm.hand:.3g} kg" if arm.hand else ""
@@ -252,7 +253,7 @@ def _rated(arm: Arm) -> str:
 
 
 def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = None) -> int:
-    """Print and draw what was found; return the exit code."""
+    """Print and draw the findings; return the exit code."""
     import numpy as np
 
     from comove.cli.texts import in_rows

@@ -23,10 +23,10 @@ class SimulatedRun:
 
     Attributes
     ----------
-    rate : control steps in a second [Hz]
+    rate : control rate [Hz]
     grasp : name of the grasp
     perturbed : seed of the perturbation; None for none
-    budget : simulated time that it may last [s]; None for `RUN_LONGEST` times the plan's duration
+    budget : limit of simulated time [s]; None for `RUN_LONGEST` times the plan's duration
     pictures, film : whether a sheet of pictures, and a film, are drawn
     """
 
@@ -48,13 +48,13 @@ def run_joints(
     seed: int,
     json: bool,
 ) -> int:
-    """Let a robot carry a scene's load in MuJoCo, step by step, record and verify it; return the exit code.
+    """Run a robot in MuJoCo, record and verify the run. Return the exit code.
 
     Parameters
     ----------
     loaded, scene : the scene, and its file
     out : folder for the record
-    robot : name or description; what the scene says unless given
+    robot : name or description; that of the scene unless given
     """
     import numpy as np
 

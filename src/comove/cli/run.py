@@ -82,7 +82,8 @@ def run(
     limits: o.RunLimits,
     json: Annotated[bool, typer.Option("--json", help="Print the summary in JSON and nothing else.")] = False,
 ) -> int:
-    """Execute SCENE step by step among its moving obstacles, by the robot that it names, record and draw it."""
+    """Execute SCENE among its moving obstacles; record and draw it. End effectors move freely, or by the robot that
+    SCENE names."""
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import comparison_text, run_text
     from comove.control import Executor, Pace, write_run
@@ -178,7 +179,7 @@ def run(
 
 
 def check_period(period: float) -> None:
-    """Raise if a control period is too short to be kept."""
+    """Raise if a control period is too short."""
     if 0 < period < SHORTEST:
         raise OptionError(
             f"{period} s is too short", key="--period", way_out=f"give {SHORTEST:g} s or more, such as 0.01"
@@ -186,7 +187,7 @@ def check_period(period: float) -> None:
 
 
 def check_steps(budget: float, period: float) -> None:
-    """Raise if a run has more steps than can be computed and stored."""
+    """Raise if a run has too many steps to compute and store."""
     if budget / period > MAX_STEPS:
         raise OptionError(
             f"{budget:g} s in steps of {period:g} s are more than {MAX_STEPS:,} steps",

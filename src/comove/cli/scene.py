@@ -1,4 +1,4 @@
-"""The verbs of `comove scene`."""
+"""Verbs of `comove scene`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def upgrade(
         typer.Option(help="File to write, which must not be there yet; beside SCENE if that names files."),
     ] = None,
 ) -> int:
-    """Write SCENE as a file of version 2, without its comments; print it unless --out is given."""
+    """Convert SCENE to version 2, without its comments. It is printed unless --out is given."""
     from comove.io.folders import scene_folder
     from comove.io.yaml_reader import read_yaml
     from comove.model import Scene
@@ -52,7 +52,7 @@ def upgrade(
 def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; it must not be there yet.")] = None,
 ) -> int:
-    """Print the JSON schema of scene files of version 2, by which editors complete and check keys."""
+    """Print the JSON schema of scene files of version 2. Editors use it to complete and check keys."""
     from comove.model.files.version2 import SceneFile2
 
     _give(json.dumps(SceneFile2.model_json_schema(), indent=2) + "\n", out)
@@ -60,7 +60,7 @@ def schema(
 
 
 def _give(text: str, out: Path | None) -> None:
-    """Print a text, or write it into a new file."""
+    """Print a text, or write it to a new file."""
     from comove.io.files import whole_file
 
     if out is None:

@@ -30,7 +30,7 @@ def send(
     *,
     trusted: o.Trusted,
 ) -> int:
-    """Verify the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
+    """Verify the motion in DIR again and play it over ROS 1. All arms start in step."""
     from comove.robots import plan_transfers
     from comove.ros import IN_STEP, Ros1Client, SendError, Tolerances, send
 

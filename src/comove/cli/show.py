@@ -24,7 +24,7 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
     open_pictures: Annotated[bool, typer.Option("--open", help="Open the pictures as well.")] = False,
 ) -> int:
-    """Print the summary of a result, verified anew, and of its simulation, and name its pictures."""
+    """Verify a result again and print its summary. The summary includes simulations and names pictures."""
     from comove.cli.progress import progress_bar
     from comove.cli.texts import in_rows, pictures_in
     from comove.results.inputs import command_again
@@ -61,7 +61,7 @@ def show(
 
 
 def _kind_of(part: ResultPart) -> ResultKind:
-    """Return the files of a part."""
+    """Return the file layout of a part."""
     from comove.stored import ResultPart
 
     if part is ResultPart.MOTION:
@@ -85,7 +85,7 @@ def _is_claimed(part: ResultPart, summary: Mapping[str, Any]) -> bool:
 
 
 def _measured(found: Verification) -> dict[str, Any]:
-    """Return the measures of a verification, by their names in the summary of its part."""
+    """Return a verification's measures by their names in the part's summary."""
     from comove.results.sealed import finite
     from comove.stored import ResultPart
 
@@ -103,7 +103,7 @@ def _measured(found: Verification) -> dict[str, Any]:
 
 
 def _text(part: ResultPart, summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
-    """Return what there is to say of a part."""
+    """Return the printed summary of a part."""
     from comove.cli import texts
     from comove.stored import ResultPart
 

@@ -37,7 +37,7 @@ def simulate(
     *,
     trusted: o.Trusted,
 ) -> int:
-    """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
+    """Simulate the motion in DIR with MuJoCo. Servos, contacts, slip and forces on the payload are computed."""
     import numpy as np
 
     from comove.cli.texts import simulation_text
@@ -57,7 +57,7 @@ def simulate(
 
 
 def draw_robot_pictures(filmed: Filmed, folder: Path, name: str, pictures: bool, film: bool) -> None:
-    """Draw a sheet of pictures, and a film, into a folder; warn where nothing can be drawn."""
+    """Draw pictures and a film into a folder; warn on failure."""
     from comove.sim.pictures import draw_film, draw_sheet
 
     try:

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 class ObstacleMode(StrEnum):
-    """The ways in which obstacles enter: as hard constraints, or as a term of the objective (4)."""
+    """Treatment of obstacles: hard constraints, or a term of objective (4)."""
 
     constraint = "constraint"
     cost = "cost"
 
 
 class EffortMode(StrEnum):
-    """The levels of effort, by the names of `planning.effort.EFFORTS`."""
+    """Levels of effort, named as in `planning.effort.EFFORTS`."""
 
     quick = "quick"
     normal = "normal"
@@ -108,7 +108,8 @@ def solve(
     json: o.AsJson = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")] = False,
 ) -> int:
-    """Find a verified motion for SCENE, and the joints of the robot that it names, save it and draw it."""
+    """Find a verified motion for SCENE, save it and draw it. If SCENE names a robot, its joint motion is found
+    too."""
     o.require_one_of(method, tuple(METHODS), "method")
     o.check_budget(budget)
     if limits.duration is not None and objective == "least-time":
@@ -211,7 +212,7 @@ def solve(
 def _say_solution(
     solution: Solution, summary: Mapping[str, Any], out: Path, asked: Scene, named: str
 ) -> None:
-    """Print the summary of a solution and of its joint motion, without the rows of pictures."""
+    """Print the summary of a solution and of its joint motion."""
     is_alone = solution.joints is None and solution.verified and asked.file.robot is not None
     print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
     rows = [("demonstration", named)] if named else []
@@ -232,7 +233,7 @@ def _say_solution(
 
 
 def _require_joints(named: str | None, method: str, no_planner: bool, hard: bool) -> None:
-    """Refuse options by which a robot's joints cannot be found."""
+    """Refuse options with which a robot's joints cannot be found."""
     way_out = "leave it out, or look at the --hands-alone"
     if method not in OF_ROBOTS:
         raise OptionError(
@@ -249,7 +250,7 @@ def _require_joints(named: str | None, method: str, no_planner: bool, hard: bool
 
 
 def _transfer_rows(found: JointSolution) -> list[tuple[str, str]]:
-    """Return in words which of approach and release were found, and how long they take."""
+    """Return rows on the approach and release that were found."""
     planned, where = found.transfers, "home" if found.present is None else "the present joints"
     rows = []
     if planned is not None and planned.approach is not None:
@@ -260,7 +261,7 @@ def _transfer_rows(found: JointSolution) -> list[tuple[str, str]]:
 
 
 def exit_code(solution: Solution) -> int:
-    """Return the exit code that tells of a solution."""
+    """Return the exit code of a solution."""
     if solution.interrupted:
         return INTERRUPTED
     missing = solution.joints is not None and solution.joints.without

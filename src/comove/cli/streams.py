@@ -1,8 +1,8 @@
-"""Standard streams whose failures are not mistaken for a verification result.
+"""Standard streams with exit codes of their own for failures.
 
 A reader that closes the pipe early (`comove show DIR | head -1`) ends the command quietly; a full disk behind
-standard output ends it with a message; both with exit codes of their own. Messages that cannot be written to standard
-error are dropped, as the exit code tells the same.
+standard output ends it with a message. Both exit codes differ from those of verification. Messages that cannot be
+written to standard error are dropped, as the exit code tells the same.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _IN, _OUT, _ERR = 0, 1, 2
 
 
 class _Output(io.FileIO):
-    """Standard output whose failures end the process, with an exit code of their own."""
+    """Standard output that ends the process with an exit code on failure."""
 
     def write(self, data: Any) -> int:
         while True:
@@ -75,11 +75,8 @@ def guard_streams() -> None:
 
 
 class _Plain(io.TextIOWrapper):
-    """A text stream that escapes what would move the cursor or change the look of a terminal.
-
-    Names and messages out of files that are not trusted are printed; an escape is written as JSON writes it, so
-    that JSON stays what it is.
-    """
+    """Text stream that escapes terminal control characters. It prints names and messages from untrusted files; an
+    escape is written as in JSON, so that JSON stays valid."""
 
     def write(self, text: str) -> int:
         super().write(text if _HARMLESS.fullmatch(text) else _UNSAFE.sub(_escaped, letters(text)))
@@ -95,7 +92,7 @@ def _escaped(found: re.Match[str]) -> str:
 
 
 def terminal() -> TextIO:
-    """Return standard error without escapes, for what comove itself draws there."""
+    """Return standard error without escapes, for comove's own drawing."""
     return _TERMINAL[0] if _TERMINAL else sys.stderr
 
 

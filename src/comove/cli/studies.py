@@ -1,4 +1,4 @@
-"""Options and output that `comove generate`, `comove sweep` and `comove bench` share."""
+"""Options and output shared by `comove generate`, `sweep` and `bench`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WHOLE = "1/1"
 
 @dataclass(frozen=True)
 class Running:
-    """Options of where the runs of a study are done."""
+    """Options of the processes, machines and shard of a study's runs."""
 
     workers: Annotated[
         int, typer.Option(metavar="N", help="Runs at a time, each in a process of its own.")
@@ -46,14 +46,14 @@ class Running:
 
     @property
     def part(self) -> Shard:
-        """Return the part of the runs that is done."""
+        """Return the shard to run."""
         from comove.data import Shard
 
         return Shard.parse(self.shard)
 
     @property
     def run(self) -> Run:
-        """Return what does the runs: processes of this machine, or the workers of a Dask scheduler."""
+        """Return the runner. It uses processes of this machine, or the workers of a Dask scheduler."""
         from comove.data import on_processes
 
         on_this = on_processes(self.workers)
@@ -65,7 +65,7 @@ class Running:
 
 
 def run_with_progress(study: Study | Sweep, out: Path, run: Run, shard: Shard) -> tuple[StudyReport, Path]:
-    """Do the runs that are missing, show how far they are, and write the report; return it with its path."""
+    """Do the missing runs with progress; return the report and its path."""
     from comove.data import report_of, run_study, write_report
     from comove.results.inputs import write_inputs
 
@@ -78,7 +78,8 @@ def run_with_progress(study: Study | Sweep, out: Path, run: Run, shard: Shard) -
 
 @contextmanager
 def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress], None]]:
-    """Lend a function that shows how many runs are in `out`; after Ctrl-C, say how to go on, and end the command."""
+    """Yield a callback that shows the number of runs in `out`. After Ctrl-C, print how to continue, and end the
+    command."""
     done = 0
 
     def tell(progress: StudyProgress) -> None:
@@ -101,7 +102,7 @@ def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress]
 
 @contextmanager
 def _progress_line() -> Iterator[Callable[[Any], None]]:
-    """Lend a function that shows progress on one line of a terminal, with rate and time left; elsewhere nothing."""
+    """Yield a callback that shows progress on one terminal line."""
     if not sys.stderr.isatty():
         yield lambda progress: None
         return
@@ -124,7 +125,7 @@ def _time(seconds: float) -> str:
 
 
 def statuses_text(report: StudyReport) -> str:
-    """Return the numbers of runs by status in words, and of those whose budget ran out."""
+    """Return the counts of runs by status and of exhausted budgets."""
     text = ", ".join(f"{count} {status}" for status, count in report.statuses.items()) or "none"
     if not report.cut_short:
         return text
@@ -132,5 +133,5 @@ def statuses_text(report: StudyReport) -> str:
 
 
 def reason_lines(report: StudyReport) -> list[str]:
-    """Return the most frequent reasons of runs that were not verified, with their numbers, a line each."""
+    """Return the most frequent failure reasons with counts, one a line."""
     return [printable(f"  {count:5d} x        {reason}") for reason, count in report.reasons.items()]

@@ -1,4 +1,4 @@
-"""The verbs of `comove sweep`."""
+"""Verbs of `comove sweep`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
 
 
 class _RunByDefault(TyperGroup):
-    """A group of verbs in which what is no verb is the study of `run`."""
+    """Group of verbs that runs `run` for any other word."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the verb `run` before arguments that begin with another word."""
+        """Insert the verb `run` before other words."""
         if args and args[0] not in self.commands and args[0] != "--help":
             args = ["run", *args]
         return super().parse_args(ctx, args)
@@ -35,7 +35,7 @@ def run(
     *,
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
-    """Run every scene of STUDY with every method, seed and setting, and compare them."""
+    """Run every scene, method, seed and setting of STUDY; compare them."""
     from json import loads
 
     from comove.cli.texts import as_table
@@ -73,7 +73,7 @@ def merge(
     ],
     out: Annotated[Path, typer.Option(help="Folder for all runs; its own stay.")],
 ) -> int:
-    """Put the parts of a study, of generate or of sweep, together."""
+    """Merge the shards of a study."""
     from comove.data.runs import merge as merged
 
     found = merged(parts, out)

@@ -1,4 +1,4 @@
-"""Readable summaries of what verbs found, from the contents of the files that they wrote."""
+"""Readable summaries of results, from their files."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ RAN_OUT = "ran out while the motion was improved: a larger --budget may find a b
 
 
 def number(value: object, factor: float = 1.0) -> str:
-    """Return a number to four digits, in another unit; a dash where there is none."""
+    """Return a number to four digits in another unit; else "-"."""
     return f"{value * factor:.4g}" if isinstance(value, (int, float)) else "-"
 
 
 def say(*lines: str, file: TextIO | None = None) -> None:
-    """Print lines, each of which stays one line for any contents of files."""
+    """Print lines with control characters escaped, one line each."""
     print(*map(printable, lines), sep="\n", file=file)
 
 
 def in_rows(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return lines of a name and what is said of it; further cells of a row are left out."""
+    """Return lines of a name and its text, without further cells."""
     return [f"  {printable(name):30s}{printable(words)}" for name, words, *_ in rows]
 
 
 def as_table(rows: Sequence[Sequence[str]]) -> str:
-    """Return lines of cells, with columns as wide as their widest cell."""
+    """Return rows as text, with columns as wide as needed."""
     rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
@@ -57,7 +57,7 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def pictures_row(folder: Path, *names: str) -> list[tuple[str, str]]:
-    """Return a row of the pictures and films of these names that are in a folder; none where there are none."""
+    """Return a row of the existing pictures with these names, if any."""
     found = ", ".join(str(path) for path in pictures_in(folder) if path.stem in names)
     return [("pictures", found)] if found else []
 
@@ -65,12 +65,12 @@ def pictures_row(folder: Path, *names: str) -> list[tuple[str, str]]:
 def summary_text(
     summary: Mapping[str, Any], folder: Path, verdict: str = "", scene: Scene | None = None
 ) -> str:
-    """Return a readable summary of a result, from the contents of its solution.json.
+    """Return a readable summary of a result's solution.json.
 
     Parameters
     ----------
-    verdict : what is known of it; what the summary says unless given
-    scene : the scene that was solved, whose resting contacts are named
+    verdict : verification result; that of the summary unless given
+    scene : the solved scene, whose resting contacts are named
     """
     from comove.stored import motion_rows
 
@@ -126,7 +126,7 @@ def joints_text(robot: str, measures: Mapping[str, Any]) -> str:
 
 
 def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
-    """Return a readable summary of a simulation, from the contents of its simulation.json."""
+    """Return a readable summary of a simulation.json."""
     from comove.stored import simulation_rows
 
     verdict = verdict or ("delivered" if summary["delivered"] else "NOT DELIVERED")
@@ -140,7 +140,7 @@ def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "")
 
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
-    """Return a readable summary of a robot's online run, from the contents of its robot_run.json."""
+    """Return a readable summary of a robot_run.json."""
     from comove.stored import run_rows
 
     verdict = verdict or ("arrived, as it should" if summary["as_it_should_be"] else "NOT AS IT SHOULD")
@@ -157,7 +157,7 @@ def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") 
 
 
 def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
-    """Return a readable summary of an execution, from the contents of its run.json."""
+    """Return a readable summary of a run.json."""
     from comove.stored import beyond_rounding
 
     verdict = verdict or ("arrived, verified" if summary["verified"] else "NOT VERIFIED")
@@ -204,7 +204,7 @@ def comparison_text(table: Mapping[str, Any], folder: Path) -> str:
 
 
 def learned_text(primitive: Primitive) -> str:
-    """Return a few readable lines about a learned primitive and how well it fits."""
+    """Return a few lines on a learned primitive and its fit."""
     from comove.dmp import ProMP
 
     dmp, learned, unit = primitive.positions, primitive.provenance, primitive.unit

@@ -35,7 +35,7 @@ def verify(
     *,
     limits: SceneLimits,
 ) -> int:
-    """Verify a saved result anew, from the files alone: a motion, joints, a run, a simulation."""
+    """Verify a saved result again, from its files alone. It may hold a motion, joints, a run and a simulation."""
     from comove.cli.progress import progress_bar
     from comove.model import Scene
     from comove.stored import verify_folder
@@ -75,7 +75,7 @@ def verify(
 
 
 def _require_robot(parts: tuple[Verification, ...], folder: Path, robot: str | None) -> None:
-    """Refuse a robot for a folder in which none moves."""
+    """Refuse a robot for a folder without joint motion."""
     if robot is not None and all(part.robot is None for part in parts):
         raise OptionError(
             "the folder holds no motion of a robot's joints",
@@ -101,7 +101,7 @@ def _say_measures(parts: tuple[Verification, ...]) -> None:
 
 
 def _say_changes(part: Verification, folder: Path, scene: Path) -> None:
-    """Print the options by which the scene becomes the one that was solved, where there are such options."""
+    """Print the options that change the scene to the solved one."""
     from comove.results import changes_to
 
     if changed := changes_to(part.scene, folder, part.summary, scene):

@@ -39,7 +39,7 @@ def view(
     seed: o.Seed = 0,
     budget: o.Budget = 30.0,
 ) -> int:
-    """Show a scene and its motion in the browser, and steer it: drag obstacles, starts and goals."""
+    """Show a scene and its motion in the browser, and edit it. Obstacles, starts and goals can be dragged."""
     from comove.view.workbench.shelf import shelf_of
 
     o.check_budget(budget)
@@ -75,7 +75,7 @@ def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
 
 
 def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
-    """Write what folders hold, or the motions of scenes that are solved now, as one page."""
+    """Write results, or scenes solved now, as one page."""
     from comove.cli.progress import progress_bar
     from comove.io.files import require_target
     from comove.view.workbench.recorded import page_of, played, write_page

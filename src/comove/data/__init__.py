@@ -1,4 +1,4 @@
-"""Many runs: `solve_many`, generated episodes, sweeps, their store and their report."""
+"""Many runs: `solve_many`, generated episodes, sweeps, run databases and reports."""
 
 from comove.data.generation import Study
 from comove.data.many import Solved, solve_many

@@ -1,8 +1,5 @@
-"""Cameras of a study: what its file says of them, and the videos that they take of a simulated episode.
-
-Where a camera stands depends on the study and on the scene's workspace alone: pictures betray nothing of the motion
-that is to be learned.
-"""
+"""Cameras of a study, and their videos of simulated episodes. The place of a camera depends on the study and on the
+scene's workspace alone: pictures reveal nothing of the motion to be learned."""
 
 from __future__ import annotations
 
@@ -49,7 +46,8 @@ Point = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(
 
 
 class ViewPart(Part):
-    """The place of a camera: it sees all of the workspace from a direction, or stands at a place, or in a hand."""
+    """Pose of a camera. It views the whole workspace from a direction, or is fixed at a position or to an end
+    effector."""
 
     aside_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Angle from the robot's front to the camera, about the vertical; 24 unless given."""
@@ -108,7 +106,7 @@ def _views(views: dict[str, ViewPart]) -> dict[str, ViewPart]:
 
 
 class CamerasPart(Part):
-    """Cameras that take pictures of every episode of a robot that is delivered in the simulation."""
+    """Cameras of robot episodes that are delivered in simulation."""
 
     rate: Annotated[int, Field(ge=1, le=100)] = 20
     """Pictures a second, which are also the samples a second of the datasets [Hz]."""
@@ -121,7 +119,7 @@ class CamerasPart(Part):
 
 
 def require_cameras() -> None:
-    """Make sure that pictures can be drawn, and videos encoded, in this process."""
+    """Check that pictures can be rendered and videos encoded here."""
     from comove.sim.cameras import require_cameras
 
     require_videos()
@@ -129,7 +127,7 @@ def require_cameras() -> None:
 
 
 def videos_of(execution: Execution, cameras: CamerasPart, time: Any) -> tuple[tuple[str, bytes], ...]:
-    """Return what the cameras see of an execution at given times: names, and videos as files hold them.
+    """Return camera videos of an execution: names, and file contents.
 
     Parameters
     ----------

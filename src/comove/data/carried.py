@@ -1,4 +1,4 @@
-"""One episode of a robot: the joints that carry the load, verified and simulated, and as the store keeps them."""
+"""Episodes of a robot: verified, simulated and stored joint motions."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def robot_of(scene: Scene) -> Robot:
 
 
 def robot_named(name: str, folder: Path | None) -> Robot:
-    """Return a bundled robot, or that of a description beside the scene; as `robot_of`."""
+    """Return a bundled robot, or one described beside the scene. Errors are those of `robot_of`."""
     return _loaded(find_description(name, folder))
 
 
@@ -73,7 +73,7 @@ def _loaded(path: Path) -> Robot:
 
 
 def require_hold(scene: Scene, still: float = 0.1) -> None:
-    """Make sure that the arms can hold the load at start and goal by one of the scene's grasps, as the judge sees it.
+    """Verify that the arms can hold the payload at start and goal. One of the scene's grasps must suffice.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def require_hold(scene: Scene, still: float = 0.1) -> None:
 
 
 def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches: Sequence[Array]) -> None:
-    """Refuse an end at which the robot cannot stand still with the load, in no combination of its arms' solutions."""
+    """Refuse an end at which no inverse-kinematics solutions hold the payload."""
     robot, scene = carrier.robot, carrier.scene
     contents = json.loads(canonical(scene.file))
     for hand in contents["manipulators"]:
@@ -116,15 +116,15 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
 
 @dataclass(frozen=True)
 class Carrying:
-    """The way in which a robot carries the load of a scene, and what is tried of it.
+    """Settings of a robot's transfer motions.
 
     Attributes
     ----------
     budget : processor time for the solution [s]
     method : method of the search; comove's own unless given
-    simulation : how the joints are simulated; None if they are not
-    cameras : cameras that look at the simulation; None without pictures
-    effort : how hard the search tries to better a verified motion
+    simulation : settings of the simulation; None without one
+    cameras : cameras of the simulation; None without pictures
+    effort : effort for improving a verified motion
     """
 
     budget: float
@@ -135,7 +135,9 @@ class Carrying:
 
 
 def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
-    """Carry the load of a scene along the demonstration that it names; return the row of the run, and its motion.
+    """Solve a scene for its robot; return the row and the motion.
+
+    The motion follows the demonstration that the scene names.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
 
 
 def _simulated(run: StudyRun, motion: StoredMotion, joints: VerifiedJointMotion, how: Carrying) -> Made:
-    """Simulate verified joints, if that is asked for; return the row and the motion with what came of it."""
+    """Simulate verified joints if required; return the row and motion."""
     if how.simulation is None:
         return run, replace(motion, carry=_stored_carry(run.key, joints, None))
     execution = executed(joints, how.simulation, run.seed)
@@ -180,7 +182,7 @@ def _simulated(run: StudyRun, motion: StoredMotion, joints: VerifiedJointMotion,
 
 
 def executed(motion: VerifiedJointMotion, simulation: SimulationPart, seed: int) -> Execution:
-    """Simulate a verified motion in MuJoCo, perturbed by the seed of its episode where that is asked for."""
+    """Simulate a verified motion in MuJoCo. Where the settings say so, it is perturbed by the seed of its episode."""
     drawn = None
     if simulation.perturbed:  # numbers of their own: those of the seed alone have drawn the scene
         drawn = Perturbation.drawn(np.random.default_rng([seed, 1]), len(motion.robot.joint_names))
@@ -188,7 +190,7 @@ def executed(motion: VerifiedJointMotion, simulation: SimulationPart, seed: int)
 
 
 def _stored_carry(key: str, motion: VerifiedJointMotion, execution: Execution | None) -> StoredCarry:
-    """Return joints, certificate and measures of a simulation as the store keeps them."""
+    """Return joints, certificate and simulation measures for the run database."""
     simulated = {} if execution is None else {name: finite(x) for name, x in execution.measures.items()}
     return StoredCarry(
         key,
@@ -199,7 +201,7 @@ def _stored_carry(key: str, motion: VerifiedJointMotion, execution: Execution | 
 
 
 def figures_of(motion: VerifiedJointMotion) -> dict[str, Any]:
-    """Return the measures of a verified joint motion, and the checksums of robot and joints."""
+    """Return a joint motion's measures, and checksums of robot and joints."""
     return {
         **{name: finite(value) for name, value in motion.report.asdict().items()},
         "robot": motion.robot.name,
@@ -217,17 +219,17 @@ def _json(data: dict[str, Any]) -> str:
 
 
 def restored_carry(kept: StoredCarry, motion: VerifiedMotion, store: Path) -> VerifiedJointMotion:
-    """Rebuild the joints that the store keeps, and verify them anew.
+    """Rebuild the joints in a run database, and verify them again.
 
     Parameters
     ----------
-    motion : motion of the hands, verified anew
-    store : path of the store, for messages
+    motion : motion of the end effectors, verified again
+    store : path of the run database, for messages
 
     Raises
     ------
     ResultError
-        If they were damaged or do not stand the check any more, or the robot was edited.
+        If they were damaged or fail the verification, or the robot was edited.
     RobotError
         If the robot cannot be loaded.
     """

@@ -1,4 +1,4 @@
-"""Distributions from which studies draw values: uniform, truncated normal, and a choice."""
+"""Distributions that studies sample: uniform, truncated normal, and choice."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from comove.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Uniform:
-    """A uniform distribution, of each coordinate by itself.
+    """Uniform distribution, independent in each coordinate.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Uniform:
 
 @dataclass(frozen=True, eq=False)
 class TruncatedNormal:
-    """A normal distribution, of each coordinate by itself, of which only what lies between two bounds is kept.
+    """Normal distribution, independent in each coordinate, truncated at two bounds.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class TruncatedNormal:
     upper: Array
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """Return a number or a list of numbers, by the inverse of the distribution function."""
+        """Return a number or list, by the inverse distribution function."""
         from scipy.special import ndtr, ndtri
 
         low, high = (ndtr((bound - self.mean) / self.deviation) for bound in (self.lower, self.upper))
@@ -53,7 +53,7 @@ class TruncatedNormal:
 
 @dataclass(frozen=True)
 class OneOf:
-    """A choice among values, each as likely as the others."""
+    """Choice among values of equal probability."""
 
     values: tuple[Any, ...]
 

@@ -1,4 +1,4 @@
-"""One run of a study: a scene that is solved, with its figures, and its motion as the store keeps it."""
+"""One run of a study: its solution, figures and stored motion."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ DAMAGED = "copy the store again, or generate the episode again in a new folder"
 def solved_run(
     run: StudyRun, scene: Scene, method: Method, budget: float, effort: EffortLevel = NORMAL
 ) -> Made:
-    """Solve a scene, along the demonstration that it names; return the row of the run, and its verified motion.
+    """Solve a scene; return the run's row and its verified motion.
+
+    The motion follows the demonstration that the scene names.
 
     Parameters
     ----------
@@ -66,7 +68,7 @@ def solved_run(
 
 
 def timed_run(run: StudyRun, scene: Scene, search: Callable[[StudyRun], Made]) -> Made:
-    """Return what a search makes of a run on a scene, with its processor time; wrong input is told in the row."""
+    """Return a search's result for a run, with its processor time. Invalid input is reported in the row."""
     begun, started = time.process_time(), datetime.now(UTC).isoformat(timespec="milliseconds")
     run, motion = replace(run, scene=scene.name, scene_sha256=scene.sha256, started=started), None
     try:
@@ -102,7 +104,7 @@ def measured(run: StudyRun, solution: Solution) -> StudyRun:
 
 
 def sample_times(scene: Scene, rate: int) -> NDArray[np.float64]:
-    """Return the times of samples from the beginning to the end of a motion; array, shape (n_steps,) [s].
+    """Return the sample times of a motion [s], shape (n_steps,).
 
     Parameters
     ----------
@@ -112,7 +114,7 @@ def sample_times(scene: Scene, rate: int) -> NDArray[np.float64]:
 
 
 def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:
-    """Return a motion as the store keeps it: its scene, the curve without samples, and its centre's path."""
+    """Return a motion for the run database, with its centre's path."""
     arrays = motion_arrays(motion)
     return StoredMotion(
         key,
@@ -123,12 +125,12 @@ def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:
 
 
 def restored(kept: StoredMotion, folder: Path, store: Path) -> CoordinatedMotion:
-    """Rebuild a motion that the store keeps.
+    """Rebuild a motion from the run database.
 
     Parameters
     ----------
     folder : folder to which paths in the scene are relative
-    store : path of the store, for messages
+    store : path of the run database, for messages
 
     Raises
     ------
@@ -148,7 +150,7 @@ def restored(kept: StoredMotion, folder: Path, store: Path) -> CoordinatedMotion
 
 
 def packed(arrays: Mapping[str, Any]) -> bytes:
-    """Return arrays as the bytes of an NPZ archive, which are the same whenever it is made."""
+    """Return arrays as bytes of an NPZ archive, equal whenever made."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):
@@ -160,6 +162,6 @@ def packed(arrays: Mapping[str, Any]) -> bytes:
 
 
 def unpacked(content: bytes) -> dict[str, Any]:
-    """Return the arrays of an NPZ archive, none of which is a Python object."""
+    """Return the arrays of an NPZ archive without Python objects."""
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}

@@ -1,4 +1,4 @@
-"""A study of generated episodes: a scene, and the distributions of what varies in it."""
+"""Studies of generated episodes: a scene and its distributions."""
 
 from __future__ import annotations
 
@@ -50,14 +50,15 @@ PROBED, PROBED_DRAWS = 50, 2000
 
 @dataclass(frozen=True)
 class Draw:
-    """A draw of every episode: keys of the scene, the distribution of their value, and whether it is added."""
+    """Sampled keys of the scene with the distribution of their value. `add` says whether the value is added to that
+    of the scene."""
 
     keys: tuple[str, ...]
     distribution: Distribution
     add: bool = False
 
     def apply(self, data: dict[str, Any], rng: np.random.Generator) -> None:
-        """Draw a value, and change the contents of a scene file by it, in place."""
+        """Sample a value, and change a scene's contents by it, in place."""
         value = self.distribution.draw(rng)
         for key in self.keys:
             change(data, key, copy.deepcopy(value), add=self.add)
@@ -65,14 +66,14 @@ class Draw:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A scene that was drawn for an episode.
+    """Scene sampled for an episode.
 
     Attributes
     ----------
     number, seed : number of the episode in its study, and its seed
-    scene : the scene; None where no draw gave a valid one
-    rejected : number of draws that gave no valid scene
-    reason : what is wrong with the last of these
+    scene : the scene; None where no sample gave a valid one
+    rejected : number of samples that gave no valid scene
+    reason : error of the last of these
     """
 
     number: int
@@ -84,12 +85,12 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Probe:
-    """The share of draws that give valid scenes, from the draws of the first episodes.
+    """Share of samples that give valid scenes, in the first episodes.
 
     Attributes
     ----------
-    valid, rejected : numbers of draws
-    reason : what is wrong with the last rejected draw
+    valid, rejected : numbers of samples
+    reason : error of the last rejected sample
     """
 
     valid: int
@@ -98,21 +99,21 @@ class Probe:
 
     @property
     def share(self) -> float:
-        """Return the share of rejected draws."""
+        """Return the share of rejected samples."""
         return self.rejected / max(1, self.rejected + self.valid)
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study, read from its file by `load`.
+    """Dataset config, read from its file by `load`.
 
     Attributes
     ----------
-    file : the parsed study file
-    path : path of the study file
+    file : the parsed file
+    path : path of the file
     folder : folder to which paths in the scene are relative
     template : contents of the scene file that is varied
-    draws : what every episode draws, in order
+    draws : samples of every episode, in order
     """
 
     file: StudyFile
@@ -160,7 +161,7 @@ class Study:
         return replace(study, draws=tuple(study._resolved(lines)))
 
     def _require_cameras(self, lines: Lines) -> None:
-        """Refuse cameras of what is not simulated, or in hands that the scene has not."""
+        """Refuse cameras without a simulation, or in unknown end effectors."""
         cameras = self.file.cameras
         if cameras is None:
             return
@@ -179,7 +180,7 @@ class Study:
                 raise scene_error([flaw], self.path, lines)
 
     def _require_robot(self, lines: Lines) -> None:
-        """Refuse a robot that cannot be loaded or simulated here, and a simulation without one."""
+        """Refuse a robot that cannot be loaded, and simulations without one."""
         if self.file.simulate is not None and not self.on_robot:
             flaw = Flaw(
                 ("simulate",),
@@ -209,7 +210,7 @@ class Study:
 
     @property
     def without_gripper(self) -> dict[str, tuple[str, ...]]:
-        """Return the arms whose description has no gripper, by robot; as of `comove.robots.JointReport`."""
+        """Return the arms described without a gripper, by robot. As in `comove.robots.JointReport`."""
         if not self.on_robot:
             return {}
         from comove.data.carried import robot_named
@@ -224,7 +225,7 @@ class Study:
         return tuple(dict.fromkeys(str(name) for name in named if name is not None))
 
     def _resolved(self, lines: Lines) -> Iterator[Draw]:
-        """Yield the draws, each tried once on the scene."""
+        """Yield the distributions, each tried once on the scene."""
         data, rng = copy.deepcopy(self.template), np.random.default_rng(0)
         for i, part in enumerate(self.file.draws):
             try:
@@ -252,13 +253,13 @@ class Study:
 
     @property
     def effort(self) -> EffortLevel:
-        """Return how hard each search tries to better a verified motion."""
+        """Return the effort for improving a verified motion."""
         given = {name: value for name in ("ways", "gain") if (value := getattr(self.file, name)) is not None}
         return replace(EffortLevel.of(self.file.effort), **given)
 
     @cached_property
     def described(self) -> dict[str, Any]:
-        """Return what the episodes follow from, in plain data: all but their number, of which none depends."""
+        """Return the data that determine the episodes, without their number."""
         described = {
             "comove": __version__,
             "scene": self.template,
@@ -272,7 +273,7 @@ class Study:
         return described | (self._described_robot() if self.on_robot else {})
 
     def _described_robot(self) -> dict[str, Any]:
-        """Return what else the episodes of robots follow from: the checksums of these, and the simulation."""
+        """Return the further data that determine a robot's episodes."""
         from comove.data.carried import robot_named
 
         simulate, cameras = self.file.simulate, self.file.cameras
@@ -294,7 +295,7 @@ class Study:
                 yield file.relative_to(self.folder).as_posix(), _checksum(file)
 
     def files(self) -> list[Path]:
-        """Return the files and folders that the episodes follow from."""
+        """Return the files and folders that determine the episodes."""
         found = [self.path, *(self.folder / name for name, _ in self._checksums())]
         if isinstance(self.file.scene, str):
             found.append(self.path.parent / self.file.scene)
@@ -314,12 +315,12 @@ class Study:
         return found
 
     def seed_of(self, number: int) -> int:
-        """Return the seed of an episode, which depends on the study's seed and the episode's number alone."""
+        """Return the seed of an episode. It depends on the study's seed and the episode's number alone."""
         rng = np.random.default_rng([self.file.seed, number])
         return int(rng.integers(2**48))
 
     def draw(self, number: int, attempts: int = 100) -> Drawn:
-        """Return the scene of an episode: of draws one after the other, `attempts` at most, the first valid one."""
+        """Return the first valid sampled scene of an episode. At most `attempts` scenes are sampled."""
         seed, reason = self.seed_of(number), ""
         rng = np.random.default_rng(seed)
         for rejected in range(attempts):
@@ -342,11 +343,11 @@ class Study:
             require_hold(scene)
 
     def key(self, number: int) -> str:
-        """Return the key of an episode: the checksum of all that it follows from."""
+        """Return the key of an episode, a checksum of its input data."""
         return hashlib.sha256(f"{self.sha256} {number}".encode()).hexdigest()
 
     def run(self, number: int) -> Made:
-        """Draw and solve an episode; return its row, and its motion if it is verified."""
+        """Sample and solve an episode; return its row and verified motion."""
         drawn = self.draw(number)
         run = StudyRun(self.key(number), number, method=Comove.name, seed=drawn.seed, rejected=drawn.rejected)
         if drawn.scene is None:
@@ -359,7 +360,7 @@ class Study:
         return carried_run(run, drawn.scene, how)
 
     def require(self) -> None:
-        """Make sure that episodes can be run in this process: simulated, and drawn, where the study says so."""
+        """Check that this process can simulate and render, where required."""
         if self.file.simulate is not None:
             from comove.sim.engine import engine
 
@@ -374,7 +375,7 @@ class Study:
                 yield scene
 
     def contents(self, number: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return the contents of a scene file, drawn once."""
+        """Return the contents of a scene file, sampled once."""
         data = copy.deepcopy(self.template)
         for draw in self.draws:
             draw.apply(data, rng)
@@ -383,7 +384,7 @@ class Study:
         return data | {"name": f"{data.get('name', self.name)}-{number:06d}"}
 
     def probe(self) -> Probe:
-        """Draw the first episodes, and return the share of draws that give valid scenes.
+        """Sample the first episodes; return the share of valid scenes.
 
         Raises
         ------
@@ -409,7 +410,7 @@ class Study:
 
 
 def read_study(path: Path, model: type[Model], contract: Contract) -> tuple[Model, Lines]:
-    """Read a study file of one kind; return it with the lines of its keys.
+    """Read a study file of one kind; return it with key lines.
 
     Raises
     ------
@@ -424,10 +425,8 @@ def read_study(path: Path, model: type[Model], contract: Contract) -> tuple[Mode
 
 
 def _distribution(part: DrawPart, folder: Path, said: object = None) -> Distribution:
-    """Return the distribution of a draw.
-
-    Demonstrations that are drawn are read, laid and scaled as the scene says of its own demonstration, `said`.
-    """
+    """Return the distribution of a sampled key. Sampled demonstrations are read, laid out and scaled as `said`, the
+    scene's own demonstration."""
     laid = _kept(said, ("plane", "scale"))
     read = laid | _kept(said, [key for key in ("manipulator", *READING) if key != "episode"])
     if part.uniform is not None:
@@ -449,7 +448,7 @@ def _kept(said: object, keys: Sequence[str]) -> dict[str, Any]:
 
 
 def _recordings(folder: Path, name: str) -> list[dict[str, Any]]:
-    """Return demonstrations of a scene: the episodes of a recording, or the recordings in a folder."""
+    """Return the demonstrations in a recording's episodes or a folder."""
     path = folder / name
     try:
         if path.is_dir() and not is_format(path):
@@ -475,7 +474,7 @@ def _demonstrations(draw: Draw) -> tuple[Any, ...]:
 
 
 def _file_of(source: Mapping[str, Any], folder: Path) -> Path | None:
-    """Return the file or folder that holds a demonstration; None where there is none beside the scene."""
+    """Return the file or folder of a demonstration. Return None where there is none beside the scene."""
     if source.get("file") is not None:
         path = folder / str(source["file"])
     elif source.get("library") is not None:
@@ -488,7 +487,7 @@ def _file_of(source: Mapping[str, Any], folder: Path) -> Path | None:
 
 
 def _checksum(path: Path) -> str:
-    """Return the checksum of a file, or of all files of a folder."""
+    """Return the checksum of a file, or a folder's files."""
     digest = hashlib.sha256()
     with telling(path):
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:

@@ -1,9 +1,10 @@
-"""Changes of the contents of a scene file by dotted keys, such as `load.length` and `obstacles.0.center.1`.
+"""Changes of a scene file's contents by dotted keys.
 
-An entry of a list is named by its number, a manipulator also by its name. Besides the keys of a scene there are
-`start` and `goal`, a shift of all hands together, `start.turn_deg` and `goal.turn_deg`, a turn of all hands about
-their common centre, or of the payload about its frame's origin, in space about the vertical, and `scene`, a shift of
-hands, obstacles and workspace together: what a robot meets that stands elsewhere.
+Examples are `load.length` and `obstacles.0.center.1`. An entry of a list is named by its number, a manipulator also
+by its name. Besides the keys of a scene there are `start` and `goal`, a shift of all end effectors together,
+`start.turn_deg` and `goal.turn_deg`, a rotation of all end effectors about their common centre, or of the payload
+about its frame's origin, in space about the vertical, and `scene`, a shift of end effectors, obstacles and workspace
+together, as if the robot stood elsewhere.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ def change(data: dict[str, Any], key: str, value: Any, *, add: bool = False) -> 
 
     Parameters
     ----------
-    value : value of the key, or shift, or turn [deg]
-    add : whether numbers are added to those that are there
+    value : value of the key, or shift, or rotation [deg]
+    add : whether numbers are added to the present ones
 
     Raises
     ------
     Wrong
-        If there is no such key, or the value does not fit; with what to write instead.
+        If there is no such key, or the value does not fit; with the correction.
     """
     if key in ENDS:
         _shift(data, key, value)
@@ -47,10 +48,8 @@ def change(data: dict[str, Any], key: str, value: Any, *, add: bool = False) -> 
 
 
 def fit_hands(data: dict[str, Any]) -> None:
-    """Move the hands of a bar along the line between them, so that they are as far apart as it is long.
-
-    Their centre stays. Nothing is done where the hands or the length are not as a scene needs them.
-    """
+    """Fit the distance of a bar's end effectors to its length. They move along the line between them; their centre
+    stays. Nothing changes where end effectors or length are not valid in a scene."""
     load = data.get("load")
     hands = [hand for hand in _hands(data) if not isinstance(load, dict) or _holds(load, hand)]
     if not isinstance(load, dict) or load.get("shape") != "bar" or len(hands) != 2:
@@ -68,7 +67,7 @@ def fit_hands(data: dict[str, Any]) -> None:
 
 
 def hand_names(data: dict[str, Any]) -> tuple[str, ...]:
-    """Return the names of the hands in the contents of a scene file."""
+    """Return the names of the end effectors in a scene's contents."""
     given = data.get("grasps")
     held = given[0] if isinstance(given, list) and given else given
     free = data.get("end_effectors")
@@ -94,7 +93,7 @@ def _is_vector(value: Any) -> bool:
 
 
 def _vectors(data: dict[str, Any], end: str) -> list[list[float]]:
-    """Return the start or the goal of all hands, or raise `Wrong`."""
+    """Return the starts or goals of all end effectors, or raise `Wrong`."""
     points = [hand.get(end) for hand in _hands(data)]
     if not points or not all(map(_is_vector, points)):
         raise Wrong(f"the scene gives no {end} of every hand", f"write the {end} of every manipulator")
@@ -102,7 +101,7 @@ def _vectors(data: dict[str, Any], end: str) -> list[list[float]]:
 
 
 def _pose(data: dict[str, Any], end: str) -> dict[str, Any] | None:
-    """Return the payload's pose at an end, of files of version 2; None in others."""
+    """Return the payload's pose at an end; None before version 2."""
     payload = data.get("payload")
     pose = payload.get(end) if isinstance(payload, dict) else None
     return pose if isinstance(pose, dict) and _is_vector(pose.get("position")) else None
@@ -118,7 +117,7 @@ def _shift(data: dict[str, Any], end: str, shift: Any) -> None:
 
 
 def _turn_pose(pose: dict[str, Any], degrees: float) -> None:
-    """Turn a pose in place, about the vertical through its position."""
+    """Rotate a pose in place, about the vertical through its position."""
     key, half = "angle_deg", math.radians(degrees) / 2
     if len(pose["position"]) == 3:
         key = "quaternion_wxyz" if "quaternion_wxyz" in pose else "rpy_deg"
@@ -172,7 +171,7 @@ def _sum(value: Any, more: Any, key: str) -> Any:
 
 
 def _place(data: Any, parts: list[str]) -> tuple[Any, str | int]:
-    """Return the mapping or list that holds a key, and the key in it; missing mappings are made."""
+    """Return the container of a key, and the key within it. Missing mappings are made."""
     found = data
     here: list[str] = []
     for part in parts[:-1]:
@@ -185,7 +184,7 @@ def _place(data: Any, parts: list[str]) -> tuple[Any, str | int]:
 
 
 def _key_in(holder: Any, part: str, here: list[str]) -> str | int:
-    """Return a part of a key as the key of a mapping, or the number of an entry of a list."""
+    """Return a key part as mapping key or list index."""
     where = ".".join(here) or "the scene"
     if isinstance(holder, dict):
         return part
@@ -203,7 +202,7 @@ def _key_in(holder: Any, part: str, here: list[str]) -> str | int:
 
 
 def _at(holder: Any, key: str | int) -> Any:
-    """Return the value of a key, or raise `Wrong` where there is none to add to."""
+    """Return the value of a key, or raise `Wrong` without one."""
     if isinstance(holder, dict) and holder.get(str(key)) is None:
         raise Wrong(f"the scene has no {key} to add to", "leave add out, or write the key in the scene")
     return holder[key]

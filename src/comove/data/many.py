@@ -1,4 +1,4 @@
-"""`solve_many`, which solves scenes on several processes and yields the results as they come."""
+"""`solve_many`, which solves scenes on several processes."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ Status = Literal["verified", "not verified", "refused", "error", "killed", "late
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The outcome of one of many scenes.
+    """Result of one of many scenes.
 
     Attributes
     ----------
-    number : number of the scene in what was given, from 0
+    number : number of the scene in the input, from 0
     status : "verified"; "not verified" for the best attempt; "refused" if the input is wrong; "error"; "killed" if
         its process was killed three times; "late" if it was stopped for taking far longer than its budget
-    reasons : why it is not verified, in words
-    found : the solution as it came from its process, without verified motions and without the robot; None without one
+    reasons : reasons why it is not verified
+    found : the solution from its process, without verified motions and without the robot; None without one
     seconds : time that the scene took in its process [s]
-    robot : as of `solve_many`
+    robot : as in `solve_many`
     """
 
     number: int
@@ -61,12 +61,12 @@ class Solved:
 
     @property
     def verified(self) -> bool:
-        """Return whether the motion was verified where it was found."""
+        """Return whether the motion was verified by its process."""
         return self.status == "verified"
 
     @cached_property
     def solution(self) -> Solution | None:
-        """Return the solution, verified anew in this process, joints too; None without one."""
+        """Return the solution, verified again with its joints, or None."""
         if self.found is None:
             return None
         solution = replace(self.found, motion=verify(self.found.attempt).verified)
@@ -86,10 +86,8 @@ class Solved:
 
 @dataclass(frozen=True)
 class SolvingWork:
-    """The work of a process: to solve scenes, each with the movement that it names or a common one.
-
-    Attributes are the options of `comove.solve`.
-    """
+    """Work of a process: to solve scenes with given options. Attributes are the options of `comove.solve`. Without
+    `demonstration`, each scene's own one is used."""
 
     demonstration: Taught | None = None
     seed: int = 0
@@ -101,7 +99,7 @@ class SolvingWork:
     effort: EffortName | EffortLevel = "normal"
 
     def __call__(self, task: tuple[int, Scene]) -> tuple[bool, Solution]:
-        """Return whether the motion is verified, and the solution without what does not pass between processes."""
+        """Return whether the motion is verified, and the picklable solution."""
         _, scene = task
         robot = carrier_of(scene, self.robot)
         solution = solve(
@@ -122,11 +120,11 @@ class SolvingWork:
 
 
 def carrier_of(scene: Scene, robot: Carrier) -> Any:
-    """Return the robot that carries out motions of a scene, loaded once; None where none does.
+    """Return the robot of a scene, loaded once; None without one.
 
     Parameters
     ----------
-    robot : as of `solve_many`
+    robot : as in `solve_many`
     """
     if not _is_carried(scene, robot):
         return None
@@ -142,7 +140,7 @@ def _is_carried(scene: Scene, robot: Carrier) -> bool:
 
 
 class _Named:
-    """A scene that counts as equal to others whose demonstration is the same movement."""
+    """Scene that equals others with the same demonstration."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -158,7 +156,7 @@ class _Named:
 
 
 def movement_of(scene: Scene) -> Taught | None:
-    """Return the movement that a scene names, read and fitted once for all scenes that name it."""
+    """Return the movement that a scene names, fitted once per demonstration."""
     return _movement(_Named(scene))
 
 
@@ -180,9 +178,9 @@ def solve_many(
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     effort: EffortName | EffortLevel = "normal",
 ) -> Iterator[Solved]:
-    """Solve scenes on several processes, and yield the outcomes as they come, in any order.
+    """Solve scenes on several processes; yield results as they come.
 
-    Scenes are taken from the iterable as processes are free, so it may be a generator of any length. The kernels stay
+    Scenes are read from the iterable as processes are free, so it may be a generator of any length. The kernels stay
     loaded from scene to scene. An error in one scene, and a process that is killed, do not stop the others. Ctrl-C,
     or closing the iterator, ends the processes.
 
@@ -191,9 +189,9 @@ def solve_many(
     workers
         Number of processes, each with one numerical thread.
     demonstration
-        Movement for all scenes; that which each scene names unless given.
+        Movement for all scenes; that of each scene unless given.
     robot, seed, method, planner, budget, objective, effort
-        As for `comove.solve`, for every scene; the same for all.
+        As for `comove.solve`; the same for all scenes.
 
     Raises
     ------
@@ -209,11 +207,13 @@ def solve_many(
 
 
 def require_kernels(scenes: Iterable[Scene], robot: Carrier = None) -> None:
-    """Wait until the kernels for scenes are compiled, by all cores: each process of a pool would do so alone.
+    """Wait until the kernels for scenes are compiled on all cores.
+
+    Otherwise each process of a pool would compile them by itself.
 
     Parameters
     ----------
-    robot : as of `solve_many`
+    robot : as in `solve_many`
     """
     kinds = dict.fromkeys((SceneKind.of(scene), _is_carried(scene, robot)) for scene in scenes)
     names = dict.fromkeys(name for kind, on_robot in kinds for name in _jobs(kind, on_robot))
@@ -225,7 +225,7 @@ def _jobs(kind: SceneKind, on_robot: bool) -> tuple[str, ...]:
 
 
 def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: int) -> Iterator[Solved]:
-    """Yield the outcomes of tasks; those whose process was killed are tried again."""
+    """Yield the results of tasks. Tasks whose process was killed are tried again."""
     again = deque(islice(tasks, workers))
     require_kernels((scene for _, scene in again), work.robot)
     kills: Counter[int] = Counter()
@@ -243,7 +243,7 @@ def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: in
 
 
 def _outcome(ended: TaskResult[tuple[int, Scene], tuple[bool, Solution]], robot: Carrier) -> Solved:
-    """Return the outcome of a task that has ended for good."""
+    """Return the result of a task that will not be repeated."""
     number, _ = ended.task
     if ended.made is not None:
         verified, solution = ended.made
@@ -256,7 +256,7 @@ def _outcome(ended: TaskResult[tuple[int, Scene], tuple[bool, Solution]], robot:
 
 
 def lost(ended: TaskResult) -> tuple[Status, tuple[str, ...]]:
-    """Return the status of a task whose process was killed, and the reason in words."""
+    """Return the status and reason of a task without result."""
     if ended.late:
         return "late", (f"stopped after {ended.seconds:.0f} s",)
     return "killed", (f"its process was killed {KILLS} times",)

@@ -1,4 +1,4 @@
-"""Runs of a study on the workers of a Dask scheduler, on other machines or on this one."""
+"""Runs of a study on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
 
 
 def on_dask(address: str, workers: int, timeout: float = 10.0) -> Run:
-    """Return the function that does runs on the workers of a scheduler.
+    """Return a runner on the workers of a scheduler.
 
-    A run whose worker dies is run again by the scheduler, as often as it allows. A run is not stopped for taking too
+    A run whose worker dies is repeated by the scheduler, as often as it allows. A run is not stopped for taking too
     long.
 
     Parameters
@@ -56,7 +56,7 @@ def on_dask(address: str, workers: int, timeout: float = 10.0) -> Run:
 
 @contextmanager
 def _connected(study: RunSource, address: str, workers: int, timeout: float) -> Iterator[Any]:
-    """Lend a client of the scheduler; one that was started for it ends with it."""
+    """Yield a client of the scheduler, stopping one started here."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -101,7 +101,6 @@ def _require_version(client: Any) -> None:
 
 
 def _require(client: Any, study: RunSource) -> None:
-    """Refuse workers that lack what the runs need."""
     for worker, lacks in client.run(_lacking, study).items():
         if lacks:
             raise OptionError(
@@ -112,7 +111,7 @@ def _require(client: Any, study: RunSource) -> None:
 
 
 def _lacking(study: RunSource) -> str:
-    """Return in words what runs need and this process lacks; empty if it lacks nothing."""
+    """Return the requirement that this process lacks; empty if none."""
     try:
         study.require()
     except ComoveError as error:
@@ -129,7 +128,7 @@ def _version() -> str:
 def _run(
     client: Any, work: Callable[[int], Made], next_task: Callable[[], int | None], ahead: int = 2
 ) -> Iterator[TaskResult[int, Made]]:
-    """Yield tasks as they end; `ahead` are sent for each thread, so that none waits for this process."""
+    """Yield tasks as they end. `ahead` tasks are sent for each thread, so that none waits for this process."""
     from distributed import as_completed
 
     under_way: dict[Any, int] = {}
@@ -159,7 +158,7 @@ def _lost() -> OptionError:
 
 
 def _ended(future: Any, task: int) -> TaskResult[int, Made]:
-    """Return a task as it has ended."""
+    """Return the result of an ended task."""
     from distributed import KilledWorker
 
     if future.status == "finished":

@@ -1,4 +1,4 @@
-"""Report of the runs of a study: how many were verified, why others were not, their figures and their variety."""
+"""Report of a study's runs: statuses, reasons, figures and variety."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COMPARED = ("first", "duration", "cost", "jerk_max", "seconds")
 
 @dataclass(frozen=True)
 class Figure:
-    """Least, middle and greatest value of a measure over the verified runs."""
+    """Minimum, median and maximum of a measure over the verified runs."""
 
     least: float
     median: float
@@ -35,8 +35,8 @@ class Group:
 
     Attributes
     ----------
-    runs, verified : numbers of runs, and of those whose motion was verified, of joints where a robot carries
-    delivered : number of those whose load arrived in the simulation; None where nothing was simulated
+    runs, verified : numbers of runs, and of those with a verified motion, with a robot of its joints
+    delivered : number of runs whose payload arrived in the simulation; None without simulation
     first, duration, cost, jerk, seconds : medians of the runs whose motion was verified; None where there are none
     """
 
@@ -55,22 +55,22 @@ class Group:
 
 @dataclass(frozen=True)
 class StudyReport:
-    """The figures of a study's runs.
+    """Figures of a study's runs.
 
     Attributes
     ----------
-    total, ended : numbers of runs asked for, and in the store
+    total, ended : numbers of planned runs, and of those in the run database
     statuses : number of runs by status
-    reasons : the most frequent reasons of runs that were not verified, with their numbers
-    rejected : number of draws that gave no valid scene
-    rejected_share : their share of all draws
+    reasons : the most frequent reasons of runs that were not verified, with their counts
+    rejected : number of samples that gave no valid scene
+    rejected_share : their share of all samples
     verified_share : share of verified runs among those whose scene is valid
     figures : figures of the verified runs, by measure; those of a robot's joints begin with "joints.", those of their
         simulation with "simulation."
-    cut_short : number of runs whose budget ran out: on another machine they may come out otherwise
+    cut_short : number of runs whose budget ran out: on another machine their results may differ
     seconds : median processor time of a verified run [s]
     seconds_in_all : processor time of all runs [s]
-    bytes_each : size of the store by run [byte]
+    bytes_each : size of the run database by run [byte]
     variety : variety of the verified episodes; None where there are fewer than two
     """
 
@@ -95,17 +95,17 @@ class StudyReport:
 
 
 def report_of(folder: Path, most_paths: int = 5000, most_reasons: int = 5) -> StudyReport:
-    """Return what the runs in the folder of a study show.
+    """Return the report on a study's folder.
 
     Parameters
     ----------
-    most_paths : paths that are compared: those of episodes at equal distances in the study where there are more
-    most_reasons : reasons that are told, the most frequent ones
+    most_paths : largest number of compared paths; of more episodes, evenly spaced ones are compared
+    most_reasons : largest number of reported reasons, the most frequent ones
 
     Raises
     ------
     ResultError
-        If there is no study, or its store cannot be read.
+        If there is no study, or its run database cannot be read.
     """
     store = StudyStore.open(folder / RUNS)
     with store.connected(reading=True) as connection:
@@ -150,7 +150,7 @@ def report_of(folder: Path, most_paths: int = 5000, most_reasons: int = 5) -> St
 
 
 def _carried_figures(connection: sqlite3.Connection) -> dict[str, Figure]:
-    """Return the figures of the joints of verified runs, and of their simulations."""
+    """Return figures of the verified runs' joints and simulations."""
     found: dict[str, list[float]] = {}
     query = "SELECT certificate, simulation FROM carries JOIN runs USING (key) WHERE status = 'verified'"
     for texts in connection.execute(query):
@@ -162,13 +162,14 @@ def _carried_figures(connection: sqlite3.Connection) -> dict[str, Figure]:
 
 
 def _figure(values: np.ndarray) -> Figure | None:
-    """Return the figure of a measure; None where no run has it."""
+    """Return the figure of a measure; None if no run has it."""
     known = values[np.isfinite(values)]
     return Figure(*map(float, np.quantile(known, (0.0, 0.5, 1.0)))) if len(known) else None
 
 
 def _paths(store: StudyStore, most: int) -> np.ndarray:
-    """Return paths of verified episodes, shape (n_episodes, N_PATH, n_dims) [m], of the most frequent dimension."""
+    """Return paths of verified episodes of the most frequent dimension. Array, shape (n_episodes, N_PATH, n_dims)
+    [m]."""
     with store.connected(reading=True) as connection:
         (count,) = connection.execute("SELECT count(*) FROM motions").fetchone()
         every = -(-count // most) or 1
@@ -182,7 +183,7 @@ def _paths(store: StudyStore, most: int) -> np.ndarray:
 
 
 def groups_of(folder: Path) -> list[Group]:
-    """Return the runs of a study by scene, method and settings, in the order of the study."""
+    """Return a study's runs by scene, method and settings, in order."""
     store = StudyStore.open(folder / RUNS)
     found: dict[tuple[str, str, str], list[tuple]] = {}
     with store.connected(reading=True) as connection:

@@ -1,8 +1,8 @@
-"""The runner of studies: it hands the runs that are missing in a store to processes, and writes their rows.
+"""Runner of studies.
 
-The store is the truth. A run that has ended is in it; whatever was under way when a process or the machine ended is
-run again by the same call, and gives the same row, because a run depends on its number alone. A run that has killed
-its process `KILLS` times is marked, and the rest goes on.
+It sends the runs that a run database lacks to processes, and writes their rows. The database is the only state: a
+run that was interrupted with its process or machine is repeated by the same call, and gives the same row, because a
+run depends on its number alone. A run that has killed its process `KILLS` times is marked, and the rest continues.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Result = TypeVar("Result")
 
 
 class RunSource(Protocol):
-    """A source of runs, each by its number; it can be sent to other processes."""
+    """Source of runs, each given by its number; it can be pickled."""
 
     @property
     def name(self) -> str:
@@ -44,31 +44,31 @@ class RunSource(Protocol):
 
     @property
     def described(self) -> dict[str, Any]:
-        """Return what all runs follow from, in plain data, their number left out."""
+        """Return the data that determine all runs, without their number."""
 
     def require(self) -> None:
-        """Make sure that runs can be done in this process, or raise a `ComoveError` with the way out."""
+        """Raise a `ComoveError` with advice if this process lacks a requirement."""
 
     def example_scenes(self) -> Iterable[Scene]:
-        """Return scenes of all the kinds that runs solve, as far as they are known before."""
+        """Return scenes of all kinds that runs solve, where known before."""
 
     def key(self, number: int) -> str:
         """Return the key of a run."""
 
     def run(self, number: int) -> Made:
-        """Do a run; return its row, and its motion if it is verified."""
+        """Do a run; return its row and verified motion, if any."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """A part of a study: every `count`-th run, from the one numbered `index` - 1 on."""
+    """Part of a study: every `count`-th run from number `index` - 1."""
 
     index: int = 1
     count: int = 1
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Return the shard that is written as ``i/n``, with i from 1 to n."""
+        """Parse a shard written as ``i/n``, with i from 1 to n."""
         first, slash, second = text.partition("/")
         if slash and first.isdigit() and second.isdigit() and 1 <= int(first) <= int(second):
             return cls(int(first), int(second))
@@ -83,11 +83,11 @@ class Shard:
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """The progress of a study, or of its part that is run.
+    """Progress of a study, or of the shard that is run.
 
     Attributes
     ----------
-    before, done, total : numbers of runs that were in the store at the beginning, are there now, and are asked for
+    before, done, total : numbers of runs in the run database at the beginning and now, and of those planned
     verified : number of runs since the beginning whose motion was verified
     seconds : time since the beginning [s]
     """
@@ -105,7 +105,7 @@ class StudyProgress:
 
     @property
     def left(self) -> float | None:
-        """Return the time that is left at this rate [s]; None before the first run has ended."""
+        """Return the remaining time at this rate [s]; None at first."""
         return (self.total - self.done) / self.rate if self.rate > 0 else None
 
 
@@ -114,7 +114,7 @@ Run = Callable[[RunSource, Callable[[], int | None], float], Iterator[TaskResult
 
 
 def on_processes(workers: int) -> Run:
-    """Return the function that does runs on processes of this machine."""
+    """Return a runner on processes of this machine."""
 
     def run(
         study: RunSource, next_task: Callable[[], int | None], allowed: float
@@ -136,22 +136,22 @@ def run_study(
     shard: Shard = Shard(),
     tell: Callable[[StudyProgress], None] = lambda progress: None,
 ) -> StudyProgress:
-    """Do the runs of a study that are not in the store of a folder yet.
+    """Do the runs of a study that its run database lacks.
 
     Parameters
     ----------
     folder : folder of the study, which is made if it does not exist
-    run : what does the runs, such as `on_processes(2)`
-    shard : the part of the study that is run
+    run : runner, such as `on_processes(2)`
+    shard : part of the study that is run
     tell : function called at the beginning and after every run
 
     Raises
     ------
     ResultError
-        If the folder holds something else, the study was edited since, another process works on it, or it cannot be
+        If the folder holds something else, the study was edited since, another process uses it, or it cannot be
         written.
     ExtraError, OptionError
-        If something that the runs need is missing here, or on the workers of a scheduler.
+        If a requirement of the runs is missing here, or on the workers of a scheduler.
     """
     store, numbers = StudyStore.create(_prepared(Path(folder)) / RUNS), shard.numbers(study.total)
     with store.writer() as writer:
@@ -182,15 +182,15 @@ def run_missing(
     keep: Callable[[TaskResult[Task, Result]], bool],
     tell: Callable[[StudyProgress], None],
 ) -> StudyProgress:
-    """Do the runs that a store lacks; one that has killed its process comes again after the others.
+    """Do the runs that a run database lacks. A run that has killed its process is repeated after the others.
 
     Parameters
     ----------
     missing : the runs
-    total : number of runs asked for, with those that are in the store
+    total : number of all runs, including those in the run database
     run : function of the next run that yields runs as they end
-    note_kill : function of a run, and of the processes that it has killed now, that returns how many it has in all
-    keep : function that writes what has ended for good, and returns whether its motion was verified
+    note_kill : function of a run and of its number of new kills that returns its total of kills
+    keep : function that writes a completed run, and returns whether its motion was verified
     tell : function called at the beginning and after every run
     """
     waiting = deque(missing)
@@ -220,7 +220,7 @@ def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:
 
 
 def check_study_folder(folder: Path) -> None:
-    """Check that a folder can be that of a study: that it is none yet, empty, or a study's."""
+    """Check that a folder is missing, empty, or that of a study."""
     with telling(folder, "written", ResultError):
         if folder.exists() and not folder.is_dir():
             raise ResultError("it is a file", file=folder, way_out="name a folder")

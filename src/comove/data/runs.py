@@ -1,7 +1,8 @@
-"""The store of a study: one row for each run, keyed by what is run, with the motion beside it.
+"""Run database of a study: one row for each run.
 
-The driver of a study writes a row when its run has ended, with its motion in one transaction, and none twice. Rows
-are lean, so that millions of them are read in seconds; motions are in a table of their own.
+Its key is a checksum of the run's input. The driver of a study writes a row when its run has ended, with its motion
+in one transaction, and none twice. Rows are small, so that millions of them are read in seconds; motions are in a
+table of their own.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ RUNS = "runs.sqlite"
 
 @dataclass(frozen=True)
 class StudyRun:
-    """A run that has ended.
+    """Run that has ended.
 
     Attributes
     ----------
-    key : checksum of what was run
+    key : checksum of the run's input
     number : number of the run in its study
-    scene, scene_sha256 : name and checksum of the scene; empty where no valid one was drawn
+    scene, scene_sha256 : name and checksum of the scene; empty where no valid one was sampled
     method, seed, settings : name of the method, seed of all random numbers, changes of the scene (JSON)
-    status : one of `STATUSES`; "invalid" if no draw gave a valid scene, "not delivered" if a robot's motion is
-        verified and its simulation did not deliver the load
+    status : one of `STATUSES`; "invalid" if no sample gave a valid scene, "not delivered" if a robot's motion is
+        verified and its simulation did not deliver the payload
     reason : reason for the status, in one line, if it is not "verified"
-    rejected : number of draws that gave no valid scene
+    rejected : number of samples that gave no valid scene
     duration : duration of the motion [s]
     cost : J of equation (4) in unit duration
     clearance_min, distance_error_max, end_error, speed_max, acceleration_max, jerk_max : certified measures of the
@@ -43,9 +44,9 @@ class StudyRun:
     followed : mean distance from the demonstration [m]
     passing : class of the motion among the obstacles
     motion_sha256 : checksum of the motion
-    first : processor time from the scene to the first verified motion, of joints where a robot carries [s]
-    cut_short : 1 if the budget ran out, so that the motion hangs on the pace of the machine, else 0
-    seconds : processor time of the run [s]; of one that was lost, time on the wall
+    first : processor time from the scene to the first verified motion, with a robot of joints [s]
+    cut_short : 1 if the budget ran out, so that the motion depends on the machine's speed, else 0
+    seconds : processor time of the run [s]; of a killed one, wall-clock time
     started : its beginning in UTC (ISO 8601)
     """
 
@@ -94,7 +95,7 @@ COLUMNS = tuple(f.name for f in fields(StudyRun))
 
 @dataclass(frozen=True)
 class StoredCarry:
-    """The joints of a robot that carry out a motion, as the store keeps them.
+    """Joints of a robot's motion in the run database.
 
     Attributes
     ----------
@@ -112,16 +113,16 @@ class StoredCarry:
 
 @dataclass(frozen=True)
 class StoredMotion:
-    """A motion of a run, as the store keeps it.
+    """Motion of a run in the run database.
 
     Attributes
     ----------
     key : key of the run
-    scene : the scene that was solved, packed
-    curve : what rebuilds the motion, packed
-    path : centre of the hands at equal shares of the duration, float32
-    carry : what a robot did; None without a robot
-    videos : what cameras saw of it: names, and videos as files hold them
+    scene : the solved scene, packed
+    curve : parameters of the curve, packed
+    path : centre of the end effectors at equal shares of the duration, float32
+    carry : joints of a robot; None without one
+    videos : names and video files of cameras
     """
 
     key: str
@@ -138,10 +139,10 @@ class StoredMotion:
 
 
 class StudyWriter(Writer[StudyRun]):
-    """Writes runs into an open store, each as a whole."""
+    """Writer of runs to an open run database, each atomically."""
 
     def add(self, run: StudyRun, motion: StoredMotion | None = None) -> None:
-        """Write a run that has ended; one with the same key stays as it is."""
+        """Write an ended run, unless one has the same key."""
         self._insert("runs", run.row)
         if motion is not None:
             self._insert("motions", motion.row)
@@ -151,12 +152,8 @@ class StudyWriter(Writer[StudyRun]):
         self._connection.commit()
 
     def absorb(self, other: Path) -> int:
-        """Take over all rows of another store but those that are here already.
-
-        Returns
-        -------
-        int, number of runs that are here already with another motion, which stay as they are
-        """
+        """Copy the missing rows of another run database. Return the number of runs that exist here with another
+        motion; they are kept."""
         self._connection.execute("ATTACH DATABASE ? AS other", (str(other),))
         try:
             (different,) = self._connection.execute(
@@ -181,7 +178,7 @@ class StudyWriter(Writer[StudyRun]):
 
 @dataclass(frozen=True)
 class StudyStore(Store[StudyRun, StudyWriter]):
-    """A store of the runs of one study."""
+    """Run database of one study."""
 
     APPLICATION = 0x636F6D73  # "coms", in the header of the file
     RUN = StudyRun
@@ -197,14 +194,12 @@ class StudyStore(Store[StudyRun, StudyWriter]):
     WRITER = StudyWriter
 
     def describe(self, described: Mapping[str, Any], total: int) -> None:
-        """Note what is run and how many runs there are; a store of another study is refused.
-
-        More runs than before may be asked for, as none depends on their number.
+        """Store the input data and number of runs of the study. The number may grow, as no run depends on it.
 
         Raises
         ------
         ResultError
-            If the store holds another study, or the study was edited; says what changed.
+            If the database holds another study, or the study was edited; the message lists the changes.
         """
         before = self.description()
         if before is not None:
@@ -221,12 +216,12 @@ class StudyStore(Store[StudyRun, StudyWriter]):
             connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows.items())
 
     def description(self) -> dict[str, Any] | None:
-        """Return what is run, in plain data; None in a new store."""
+        """Return the study's input data; None in a new database."""
         text = self._about("study")
         return None if text is None else self._json(text)
 
     def total(self) -> int:
-        """Return how many runs there are in the whole study."""
+        """Return the number of runs in the whole study."""
         return int(self._json(self._about("total") or "0"))
 
     def _about(self, name: str) -> str | None:
@@ -248,7 +243,7 @@ class StudyStore(Store[StudyRun, StudyWriter]):
             return {number for (number,) in connection.execute("SELECT number FROM runs")}
 
     def motions(self, status: str = "verified") -> Iterator[tuple[StudyRun, StoredMotion]]:
-        """Yield the runs of a status that have motions, with these, in the order of their numbers."""
+        """Yield the runs of a status with their motions, in order."""
         query = (
             f"SELECT {', '.join(f'runs.{c}' for c in COLUMNS)}, motions.scene, motions.curve, motions.path, "
             "carries.joints, carries.certificate, carries.simulation "
@@ -266,7 +261,7 @@ class StudyStore(Store[StudyRun, StudyWriter]):
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """List what differs between two descriptions, in words: key, former and present value."""
+    """List the differences of two descriptions: key, former and present value."""
     flat = [dict(_leaves((), data)) for data in (before, after)]
     told = []
     for key in [*flat[0], *(key for key in flat[1] if key not in flat[0])]:
@@ -277,7 +272,7 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str
 
 
 def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield the values in nested data, with the keys that lead to them."""
+    """Yield the values in nested data, with their key paths."""
     inner = (
         value.items()
         if isinstance(value, Mapping)
@@ -293,7 +288,7 @@ def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...]
 
 @dataclass(frozen=True)
 class Merged:
-    """The numbers of a merged study: runs that ended, all runs, and those of which parts had different motions."""
+    """Counts of a merged study's ended, planned and contradictory runs."""
 
     ended: int
     total: int
@@ -301,19 +296,19 @@ class Merged:
 
 
 def merge(parts: Sequence[Path], out: Path) -> Merged:
-    """Take the runs of all parts of one study over into a folder; a run that is there already stays.
+    """Merge the runs of several shards into a folder.
 
-    A merge that was interrupted is completed by the same call.
+    Runs that exist there are kept. An interrupted merge is completed by the same call.
 
     Parameters
     ----------
-    parts : folders of parts, or their stores
+    parts : folders of shards, or their run databases
     out : folder of the whole study, new or with some of its runs
 
     Raises
     ------
     ResultError
-        If a part is no store, parts belong to different studies, or the folder cannot be written.
+        If a part is no run database, parts belong to different studies, or the folder cannot be written.
     """
     stores = [StudyStore.open(part / RUNS if part.is_dir() else part) for part in parts]
     described = [_description(store) for store in stores]

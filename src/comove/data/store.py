@@ -1,8 +1,8 @@
-"""The database of runs: one SQLite file, whose rows are written as a whole and which several processes may use.
+"""Run databases: SQLite files with atomic rows for several processes.
 
-The key of a row is the hash of its configuration, so nothing is run twice, and a killed process loses no row that was
-written. A kind of store says what a run is, and which tables it has besides. Reading checks every row: a file of
-another kind or of another version is refused and left alone, a row that was edited is reported.
+The key of a row is the hash of its configuration, so nothing is run twice, and a killed process loses no row that
+was written. A kind of database defines its runs and its further tables. Reading checks every row: a file of another
+kind or of another version is refused and left unchanged, an edited row is reported.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def digest(description: Mapping[str, Any]) -> str:
 
 
 def kinds_of(*parts: type) -> dict[str, str]:
-    """Return the types of the fields of dataclasses as they are written there, by their names."""
+    """Return the annotated types of dataclass fields, by name."""
     return {field.name: str(field.type) for part in parts for field in fields(part)}
 
 
 def declared(kinds: Mapping[str, str]) -> str:
-    """Return the declaration of a table whose columns have the given types; `key` is its key."""
+    """Return the declaration of a table; `key` is its primary key."""
     keys = {"key": " PRIMARY KEY"}
     return ", ".join(f'"{name}" {_KINDS[kind][0]}{keys.get(name, "")}' for name, kind in kinds.items())
 
@@ -59,29 +59,28 @@ def parquet_kinds(kinds: Mapping[str, str]) -> dict[str, str]:
 
 
 def columns_of(declared: str) -> list[str]:
-    """Return the names of the columns in a declaration of a table."""
+    """Return the names of the columns in a table's declaration."""
     return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER|BLOB)', declared)
 
 
 class Writer(Generic[RunT]):
-    """Writes rows into an open store, each as a whole."""
+    """Writer of rows to an open run database, each atomically."""
 
     def __init__(self, connection: sqlite3.Connection):
         self._connection = connection
 
     def _insert(self, table: str, *rows: tuple) -> None:
-        """Insert rows; those whose keys are there already stay as they are."""
         for row in rows:
             marks = ", ".join("?" * len(row))
             self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
 
     def add(self, run: RunT) -> None:
-        """Write a run that has ended; one with the same key stays as it is."""
+        """Write an ended run, unless one has the same key."""
         self._insert("runs", run.row)  # type: ignore[attr-defined]
         self._connection.commit()
 
     def note_kill(self, key: str, times: int = 1) -> int:
-        """Note that processes were killed during a run; returns how often that has happened in all."""
+        """Count processes killed during a run; return the total."""
         self._connection.execute(
             "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
             (key, times),
@@ -95,18 +94,18 @@ WriterT = TypeVar("WriterT", bound=Writer)
 
 @dataclass(frozen=True)
 class Store(Generic[RunT, WriterT]):
-    """A store, made by `open` or `create`.
+    """Run database, made by `open` or `create`.
 
     Attributes
     ----------
     path : path of the file
     APPLICATION : number in the header of the files of this kind
     RUN : dataclass of runs, with `row` and `of_row`, to and from a row of the table of runs
-    KINDS : types of the columns of that table, by their names; the first is the key
-    TABLES : declarations of the columns of the other tables, by their names
-    ORDER : what the rows of runs are read by
+    KINDS : types of the columns of that table, by name; the first is the key
+    TABLES : declarations of the columns of the other tables, by name
+    ORDER : columns by which runs are sorted
     MADE_BY : command that makes such a file
-    WRITER : kind of the writer that is lent
+    WRITER : class of the writer
     """
 
     path: Path
@@ -120,12 +119,12 @@ class Store(Generic[RunT, WriterT]):
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
-        """Open an existing store.
+        """Open an existing run database.
 
         Raises
         ------
         ResultError
-            If there is no such file, or it is not a store.
+            If there is no such file, or it is no run database.
         """
         store = cls(Path(path))
         with telling(store.path, error=ResultError):
@@ -137,12 +136,12 @@ class Store(Generic[RunT, WriterT]):
 
     @classmethod
     def create(cls, path: str | Path) -> Self:
-        """Open an existing store, or create a new one.
+        """Open an existing run database, or create a new one.
 
         Raises
         ------
         ResultError
-            If the path is taken by something else, or it cannot be written.
+            If the path holds something else, or it cannot be written.
         """
         store = cls(Path(path))
         with telling(store.path, "written", ResultError):
@@ -167,9 +166,8 @@ class Store(Generic[RunT, WriterT]):
         return {"runs": declared(cls.KINDS), **cls.TABLES, "kills": "key TEXT PRIMARY KEY, times INTEGER"}
 
     def _check(self, *, whole: bool = True) -> None:
-        """Refuse a file that is not a store, or one of another version; with `whole`, also one that was not
-        finished.
-        """
+        """Refuse other files and other versions of the run database. With `whole`, unfinished ones are refused
+        too."""
         tables = self._tables()
         with self.connected(reading=True) as connection:
             (application,) = connection.execute("PRAGMA application_id").fetchone()
@@ -196,7 +194,7 @@ class Store(Generic[RunT, WriterT]):
 
     @contextmanager
     def connected(self, *, reading: bool = False) -> Iterator[sqlite3.Connection]:
-        """Lend a connection whose changes are written as a whole, or not at all.
+        """Yield a connection whose changes are committed together or not at all.
 
         Parameters
         ----------
@@ -229,9 +227,8 @@ class Store(Generic[RunT, WriterT]):
                 connection.close()
 
     def _readable(self) -> sqlite3.Connection:
-        """Return a connection for reading; on a read-only medium, SQLite has to be told that the file does not
-        change.
-        """
+        """Return a connection for reading. On a read-only medium, SQLite must be told that the file does not
+        change."""
         connection = None
         try:
             connection = sqlite3.connect(self.path, timeout=WAIT)
@@ -264,7 +261,7 @@ class Store(Generic[RunT, WriterT]):
                 yield self._run(row)
 
     def _run(self, row: tuple) -> RunT:
-        """Build a run from its row, and check it."""
+        """Build a run from its row, whose types are checked."""
         try:
             for (name, kind), value in zip(self.KINDS.items(), row, strict=True):
                 if type(value) not in _KINDS[kind][2]:
@@ -278,7 +275,7 @@ class Store(Generic[RunT, WriterT]):
             ) from error
 
     def write_parquet(self, path: str | Path) -> int:
-        """Write all runs to a Parquet file, with the columns of the table, and return their number.
+        """Write all runs to a Parquet file; return their number.
 
         Raises
         ------
@@ -299,12 +296,12 @@ class Store(Generic[RunT, WriterT]):
 
     @contextmanager
     def writer(self) -> Iterator[WriterT]:
-        """Lend a writer, which keeps the store open; a second one at a time, in whatever process, is refused.
+        """Yield a writer; a second one at a time is refused.
 
         Raises
         ------
         ResultError
-            If another process works on the store, or it cannot be written.
+            If another process writes to the database, or it cannot be written.
         """
         with _alone(self.path), self.connected() as connection:
             connection.execute("PRAGMA synchronous = NORMAL")  # of a power cut the last runs are run again
@@ -313,7 +310,7 @@ class Store(Generic[RunT, WriterT]):
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Hold the lock of a store, which the system takes back when this process ends in whatever way."""
+    """Hold the lock of a run database, released with this process."""
     import fcntl
 
     lock = path.with_name(f"{path.name}.lock")

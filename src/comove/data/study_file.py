@@ -1,7 +1,5 @@
-"""Study files as frozen models: what a study of generated episodes, and one that compares settings, may hold.
-
-Rules of a single key are checked here; whether the keys that are drawn exist in the scene is checked by `Study`.
-"""
+"""Models of the files of datasets and sweeps. Rules of a single key are checked here; `Study` checks whether sampled
+keys exist in the scene."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ def _version(number: int) -> int:
 
 
 def _pair(value: Any) -> Any:
-    """Return two numbers or two lists of numbers of equal length, or raise `Wrong`."""
+    """Return two numbers or equally long lists, or raise `Wrong`."""
     if value is None:
         return None
     sides = value if isinstance(value, (list, tuple)) else ()
@@ -44,7 +42,7 @@ def _pair(value: Any) -> Any:
 
 
 def _range(value: Any) -> Any:
-    """Return the two ends of a range, or raise `Wrong`."""
+    """Return the bounds of a range, or raise `Wrong`."""
     pair = _pair(value)
     if pair is not None:
         lower, upper = (own if isinstance(own, tuple) else (own,) for own in pair)
@@ -88,7 +86,7 @@ Key = Annotated[
 
 
 class DrawPart(Part):
-    """A draw that every episode makes: a value for a key of the scene, or the same value for several keys."""
+    """Sampled value of one or several keys of the scene."""
 
     key: Key
     uniform: Annotated[Any, AfterValidator(_range)] = None
@@ -131,7 +129,7 @@ def _lengths(pair: tuple[Any, Any]) -> int:
 
 
 class SimulationPart(Part):
-    """A simulation in MuJoCo of every episode of a robot whose joints were verified."""
+    """MuJoCo simulation of every robot episode with verified joints."""
 
     grasp: Literal["weld", "connect", "friction"] = "weld"
     """How the hands hold the load."""
@@ -140,7 +138,7 @@ class SimulationPart(Part):
 
 
 class StudyFile(Part):
-    """A study of generated episodes, as written in its file."""
+    """Dataset config, as written in its file."""
 
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]
@@ -166,7 +164,7 @@ class StudyFile(Part):
 
 
 class SweepFile(Part):
-    """A study that runs scenes with methods, seeds and settings, as written in its file."""
+    """Sweep of scenes, methods, seeds and settings, as written in its file."""
 
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]

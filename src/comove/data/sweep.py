@@ -1,7 +1,5 @@
-"""A study that compares: scenes with methods, seeds and settings, all combinations of them.
-
-`study` runs one from Python and returns a table.
-"""
+"""Sweeps: all combinations of scenes, methods, seeds and settings. `study` runs one from Python and returns a
+table."""
 
 from __future__ import annotations
 
@@ -49,10 +47,8 @@ ROBOT_METHODS: dict[str, Method | None] = {
 
 @dataclass(frozen=True, eq=False)
 class SweptScene:
-    """A scene of a sweep: its name, the folder to which paths in it are relative, contents of its file, and its path.
-
-    There is no path where the scene was made in Python.
-    """
+    """Scene of a sweep. `folder` is that to which its paths are relative. There is no `path` where the scene was
+    made in Python."""
 
     name: str
     folder: Path
@@ -60,14 +56,14 @@ class SweptScene:
     path: Path | None = None
 
     def robot(self, settings: Mapping[str, Any]) -> str | None:
-        """Return the name of the robot that carries, with some settings; None where hands move freely."""
+        """Return the robot's name with some settings; None without a robot."""
         name = settings.get("robot", self.contents.get("robot"))
         return None if name is None else str(name)
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Runs of scenes with methods, settings and seeds; the seed changes slowest, so that seeds can be added.
+    """Runs of scenes with methods, settings and seeds. The seed changes slowest, so that seeds can be added.
 
     Attributes
     ----------
@@ -77,7 +73,7 @@ class Sweep:
     settings : changes of the scenes, by dotted keys
     seeds : number of seeds, from 0 on
     budget : time for each run [s]
-    simulate : how the motions of robots are simulated; None if they are not
+    simulate : settings of robots' simulations; None without simulation
     """
 
     name: str
@@ -131,7 +127,7 @@ class Sweep:
 
     @cached_property
     def described(self) -> dict[str, Any]:
-        """Return what the runs follow from, in plain data: all but the number of seeds, of which none depends."""
+        """Return the data that determine the runs, without their number."""
         described = {
             "comove": __version__,
             "scenes": {scene.name: scene.contents for scene in self.scenes},
@@ -143,7 +139,7 @@ class Sweep:
 
     @cached_property
     def _carried(self) -> dict[str, Any]:
-        """Return what the runs with robots follow from besides; empty where no scene names one."""
+        """Return the data that determine the runs of robots; else {}."""
         named = {(scene, scene.robot(setting)) for scene in self.scenes for setting in self.settings}
         used = [(scene, name) for scene, name in named if name is not None]
         if not used:
@@ -156,7 +152,7 @@ class Sweep:
         }
 
     def files(self) -> list[Path]:
-        """Return the files and folders that the runs follow from, but the study's own."""
+        """Return the files that determine the runs, without the study's own."""
         found = [scene.path for scene in self.scenes if scene.path is not None]
         found += [file for scene in self.example_scenes() for file in files_of_scene(scene)]
         for swept, settings in itertools.product(self.scenes, self.settings):
@@ -167,14 +163,14 @@ class Sweep:
         return found
 
     def require(self) -> None:
-        """Make sure that motions can be simulated in this process, where the study says so."""
+        """Check that this process can simulate motions, where required."""
         if self.simulate is not None:
             from comove.sim.engine import engine
 
             engine()
 
     def example_scenes(self) -> Iterator[Scene]:
-        """Yield the scenes with all settings but those that make none."""
+        """Yield the scenes with all settings that are valid for them."""
         for swept, settings in itertools.product(self.scenes, self.settings):
             with suppress(SceneError):
                 yield _changed(swept, settings)
@@ -186,7 +182,7 @@ class Sweep:
         return self.scenes[scene], self.methods[method], self.settings[setting], seed
 
     def key(self, number: int) -> str:
-        """Return the key of a run: the checksum of all that it follows from."""
+        """Return the key of a run, a checksum of its input data."""
         scene, method, settings, seed = self._at(number)
         what = {"scene": scene.contents, "method": method, "settings": settings, "seed": seed}
         robot, name = {}, scene.robot(settings)
@@ -196,7 +192,7 @@ class Sweep:
         return digest(what | robot | {"budget": self.budget, "comove": __version__})
 
     def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
-        """Do a run; return its row, and its motion if it is verified."""
+        """Do a run; return its row and verified motion, if any."""
         swept, method, settings, seed = self._at(number)
         run = StudyRun(
             self.key(number),
@@ -239,7 +235,7 @@ def _method_flaws(file: SweepFile) -> Iterator[Flaw]:
 
 
 def _robot_flaws(sweep: Sweep) -> Iterator[Flaw]:
-    """Yield methods by which no robot carries, and a simulation without a robot."""
+    """Yield flaws of methods without robots, and of simulations without one."""
     carrying = [s.name for s in sweep.scenes if any(map(s.robot, sweep.settings))]
     for i, name in enumerate(sweep.methods):
         if carrying and name not in ROBOT_METHODS:
@@ -257,7 +253,7 @@ def _robot_flaws(sweep: Sweep) -> Iterator[Flaw]:
 
 
 def _setting_flaws(file: SweepFile, scenes: tuple[SweptScene, ...]) -> Iterator[Flaw]:
-    """Yield settings that cannot be made on a scene."""
+    """Yield flaws of settings that do not apply to a scene."""
     for key, values in file.settings.items():
         for swept in scenes:
             try:
@@ -268,7 +264,7 @@ def _setting_flaws(file: SweepFile, scenes: tuple[SweptScene, ...]) -> Iterator[
 
 
 def _require_distinct(sweep: Sweep, path: Path, lines: Lines) -> None:
-    """Refuse scenes of the same name, which a report could not tell apart, and runs that are there twice."""
+    """Refuse duplicate names of scenes, and duplicate runs."""
     names = [scene.name for scene in sweep.scenes]
     twice = [name for i, name in enumerate(names) if name in names[:i]]
     if twice:
@@ -288,7 +284,7 @@ def _require_distinct(sweep: Sweep, path: Path, lines: Lines) -> None:
 
 @dataclass(frozen=True)
 class StudyTable:
-    """The runs of a study, a row each.
+    """Table of a study's runs, one row each.
 
     Attributes
     ----------
@@ -299,7 +295,7 @@ class StudyTable:
 
     @property
     def columns(self) -> dict[str, list[Any]]:
-        """Return the columns by name, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
+        """Return the columns by name, for ``pandas.DataFrame`` and ``polars.DataFrame``."""
         return {name: [getattr(run, name) for run in self.runs] for name in COLUMNS}
 
     def write_parquet(self, path: str | Path) -> None:
@@ -324,7 +320,7 @@ def study(
     budget: float = 30.0,
     out: str | Path | None = None,
 ) -> StudyTable:
-    """Run scenes with methods and seeds, each along the demonstration that it names, and return a table.
+    """Run scenes with methods and seeds; return a table. Each run follows the demonstration that its scene names.
 
     Parameters
     ----------
@@ -339,7 +335,7 @@ def study(
     budget
         Time for each run [s].
     out
-        Folder in which the runs are kept, so that the same call goes on where it was interrupted; none unless given.
+        Folder of the runs, with which the same call resumes after an interruption; none unless given.
 
     Raises
     ------

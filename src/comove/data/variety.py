@@ -1,4 +1,4 @@
-"""The variety of generated episodes: of their ends, of their paths, and of the sides on which they pass obstacles."""
+"""Variety of episodes: ends, paths, and sides of passing obstacles."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ PAIRS, SEED = 100_000, 0
 
 @dataclass(frozen=True)
 class Variety:
-    """The variety of episodes.
+    """Variety of episodes.
 
     Attributes
     ----------
-    starts, goals : mean distance between two episodes' starts, and goals, of the hands' centre [m]
+    starts, goals : mean distance between two episodes' starts, and goals, of the end effectors' centre [m]
     paths : mean distance between the paths of two episodes, each the root mean square over equal shares of the
-        duration, of the hands' centre [m]
-    shapes : the same of the paths less the straight ways from start to goal [m]
+        duration, of the end effectors' centre [m]
+    shapes : the same of the paths less the straight lines from start to goal [m]
     classes : number of episodes by class: the obstacles that are passed below or above
     entropy : entropy of the classes [bit]; 0 if all are of one class, 1 for two that are equally frequent
     """
@@ -41,15 +41,16 @@ class Variety:
 
 
 def center_path(motion: CoordinatedMotion, n_steps: int) -> Array:
-    """Return the centre of all hands at equal shares of the duration; array, shape (n_steps, n_dims) [m]."""
+    """Return the end effectors' centre at equal shares of the duration. Array, shape (n_steps, n_dims) [m]."""
     return motion.hands(np.linspace(0.0, 1.0, n_steps))[0].mean(axis=1)
 
 
 def passing_class(motion: CoordinatedMotion) -> str:
-    """Return the class of a motion: which obstacles' upward rays the hands' centre crosses, in order.
+    """Return the class of a motion among the obstacles.
 
-    In the plane this is the homotopy class among the obstacles' centres. In space the motion is seen from above and,
-    after a bar, from the side; obstacles that move are seen where they are.
+    It lists the obstacles whose upward rays the end effectors' centre crosses, in order. In the plane this is the
+    homotopy class among the obstacles' centres. In space the motion is projected from above and, after a bar, from
+    the side; moving obstacles count where they are at the time.
     """
     scene, path = motion.scene, center_path(motion, N_WORD)
     if not len(scene.file.obstacles):
@@ -71,7 +72,7 @@ def variety(paths: Array, classes: Mapping[str, int]) -> Variety:
     straight = paths[:, :1] + np.linspace(0.0, 1.0, paths.shape[1])[:, None] * (paths[:, -1:] - paths[:, :1])
 
     def mean(values: Array) -> float:
-        """Return the mean root mean square distance of pairs, each of shape (n_episodes, n_steps, n_dims)."""
+        """Return pairs' mean RMS distance in (n_episodes, n_steps, n_dims) values."""
         apart = ((values[first] - values[second]) ** 2).sum(axis=2).mean(axis=1)
         return float(np.sqrt(apart).mean()) if len(first) else 0.0
 
@@ -87,7 +88,7 @@ def variety(paths: Array, classes: Mapping[str, int]) -> Variety:
 
 
 def _pairs(count: int) -> tuple[Integers, Integers]:
-    """Return the numbers of two episodes, for all pairs or, where there are too many, for some drawn at random."""
+    """Return the numbers of two episodes, for all pairs. Where there are too many, return a random sample."""
     if count * (count - 1) // 2 <= PAIRS:
         first, second = np.triu_indices(count, 1)
         return first, second

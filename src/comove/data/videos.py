@@ -1,7 +1,7 @@
-"""Videos of episodes: H.264 in MP4, one a camera, each as the bytes of a file.
+"""Videos of episodes: H.264 in MP4, one file a camera.
 
 Every second picture is a key picture, so that a policy's loader need not decode many to see one, and none refers to
-a later one, so that videos are joined without being encoded anew.
+a later one, so that videos are joined without encoding them again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OPTIONS = {"crf": "20", "g": "2", "bf": "0", "preset": "medium", "threads": "1"}
 
 
 def encoded(pictures: Iterable[Sequence[Picture]], count: int, rate: int) -> list[bytes]:
-    """Encode what several cameras see at a time, picture by picture; return a video of each camera.
+    """Encode the pictures of several cameras; return a video of each.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ def encoded(pictures: Iterable[Sequence[Picture]], count: int, rate: int) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Video:
-    """A video of an episode.
+    """Video of an episode.
 
     Attributes
     ----------
     content : bytes of the file
-    name : what it is, for messages
-    store : path of the store that it comes from, for messages
+    name : its name, for messages
+    store : path of the run database that it comes from, for messages
     """
 
     content: bytes
@@ -75,13 +75,13 @@ class Video:
             ) from error
 
     def packets(self) -> Iterator[Any]:
-        """Yield the encoded pictures, of which each is one packet, in their order."""
+        """Yield the encoded pictures in order, one packet each."""
         with require_videos().open(io.BytesIO(self.content)) as container:
             yield from (packet for packet in container.demux(video=0) if packet.dts is not None)
 
 
 class VideoFile:
-    """A file that is written of several videos, one after the other, as they are encoded."""
+    """File of several videos, joined without encoding them again."""
 
     def __init__(self, path: Path, first: Video, rate: int):
         self._container = require_videos().open(str(path), "w", format="mp4")
@@ -91,7 +91,7 @@ class VideoFile:
         self._stream.time_base = Fraction(1, rate)
 
     def takes(self, video: Video) -> bool:
-        """Return whether a video was encoded alike, so that one header describes both."""
+        """Return whether a video has the file's encoding and header."""
         return _header(video) == self._template
 
     def add(self, video: Video) -> None:

@@ -1,1 +1,1 @@
-"""Reading and writing of whole files: paths, atomic replacement, archives of arrays, entries of JSON, strict YAML."""
+"""Reading and writing of whole files. Paths, atomic replacement, archives of arrays, entries of JSON, strict YAML."""

@@ -1,4 +1,4 @@
-"""Arrays in NumPy archives, read without trust in what their headers claim.
+"""Arrays in NumPy archives, read without trusting their headers.
 
 An archive of 1 MB can unpack to 1 GB, and a header can claim any shape: both are compared with a limit
 before any data are read. Pickled objects are never loaded.
@@ -29,7 +29,7 @@ _LAYOUT = "save it with numpy.savez(file, time=..., position=...)"
 def read_arrays(
     path: str | os.PathLike[str], required: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> dict[str, NDArray]:
-    """Read named arrays from an archive, after comparing their stated sizes with the limit.
+    """Read named arrays from an archive after checking their stated sizes.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _check_unpacked_size(path: Path, archive: ZipFile) -> None:
 
 
 def _read_array(path: Path, archive: ZipFile, key: str) -> NDArray:
-    """Read one member of the archive, and raise unless its header agrees with its size."""
+    """Read a member whose header agrees with its size."""
     member = archive.getinfo(f"{key}.npy")
     with archive.open(member) as stream:
         version = np.lib.format.read_magic(stream)

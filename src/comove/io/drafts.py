@@ -1,11 +1,11 @@
-"""Drafts: files and folders that are written beside their target and moved there as a whole, despite interruptions.
+"""Atomic replacement of files and folders through drafts.
 
-A draft is a hidden folder beside its target. Its writer holds a lock on it, which the system releases when the writer
-dies for whatever reason. So the next writer can recognise abandoned drafts, and removes them.
+A draft is a hidden folder beside its target, moved there as a whole when it is complete. Its writer holds a lock on
+it, which the system releases when the writer dies. So the next writer recognises abandoned drafts and removes them.
 
-Where the system can exchange two folders (Linux), the target is at every instant the complete old or the complete new
-one. Elsewhere the old one is renamed first; a writer that dies in between leaves both, and `finish` completes its
-work.
+Where the system can exchange two folders (Linux), the target is at every instant the complete old or the complete
+new one. Elsewhere the old one is renamed first; a writer that dies in between leaves both, and `finish` completes
+the replacement.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ T = TypeVar("T")
 
 @contextlib.contextmanager
 def draft(target: Path) -> Iterator[Path]:
-    """Make an empty folder beside `target`; it is removed with its content when the block ends."""
+    """Yield an empty folder beside `target`. It is removed with its content when the context ends."""
     tidy(target)
     path, lock = _any_path(target), None
     try:
@@ -64,9 +64,8 @@ def draft(target: Path) -> Iterator[Path]:
 
 
 def put(draft: Path, target: Path, *, replace: bool = True) -> None:
-    """Rename a folder to `target`, as a whole; the former target is then in the place of `draft`, or removed.
-
-    Unless `replace`, a target that is no empty folder stays, and the error's number is one of `IN_THE_WAY`.
+    """Rename the folder `draft` to `target`, as a whole. The former target is then at the path of `draft`, or
+    removed. Unless `replace`, a target that is no empty folder stays, and the error's number is one of `IN_THE_WAY`.
     """
     settle(draft)
     for _ in range(_ATTEMPTS):
@@ -97,7 +96,7 @@ def exchanged(first: Path, second: Path) -> bool:
 
 @functools.cache
 def _renameat2() -> Callable[..., int] | None:
-    """Return the system call, or None if there is none."""
+    """Return the system call `renameat2`, or None if there is none."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (OSError, AttributeError, TypeError):
@@ -107,7 +106,8 @@ def _renameat2() -> Callable[..., int] | None:
 
 
 def _stepped_aside(draft: Path, target: Path) -> bool:
-    """Replace the target by two renames, between which a writer may die; return False if another was faster."""
+    """Replace the target by two renames; return False if it reappeared. A writer that dies between the two renames
+    leaves the work to `finish`."""
     old = draft.with_suffix(OLD)
     try:
         os.rename(target, old)
@@ -126,12 +126,8 @@ def _stepped_aside(draft: Path, target: Path) -> bool:
 
 
 def finish(target: Path) -> bool:
-    """Complete the replacement of `target` by a writer that died between its two renames; warn if there was one.
-
-    Returns
-    -------
-    bool, whether there was something to complete
-    """
+    """Complete an interrupted replacement of `target`, with a warning. The former writer died between its two
+    renames. Return whether there was a replacement to complete."""
     for old in _beside(target, OLD):
         part = old.with_suffix(PART)
         with contextlib.suppress(OSError), _held(part, wait=True, abandoned_after=_GAP) as held:
@@ -149,7 +145,7 @@ def finish(target: Path) -> bool:
 
 
 def steadily(folder: Path, read: Callable[[], T]) -> T:
-    """Return the result of `read` on a folder, repeated until nobody has replaced the folder meanwhile."""
+    """Return `read()` of a folder, repeated while the folder is replaced."""
     for _ in range(_ATTEMPTS):
         before = _identity(folder)
         try:
@@ -164,7 +160,7 @@ def steadily(folder: Path, read: Callable[[], T]) -> T:
 
 
 def _identity(folder: Path) -> tuple[int, ...] | None:
-    """Return a value that changes when another folder takes the place of this one; None if it does not exist."""
+    """Return a value that changes when the folder is replaced. It is None if the folder does not exist."""
     try:
         found = os.stat(folder)
     except (OSError, ValueError):
@@ -185,7 +181,7 @@ def tidy(target: Path) -> None:
 
 
 def _beside(target: Path, suffix: str) -> list[Path]:
-    """Return the existing drafts of `target`, from this and other processes."""
+    """Return the existing drafts of `target`, from all processes."""
     prefix = _prefix(target)
     with contextlib.suppress(OSError):
         return [
@@ -197,17 +193,17 @@ def _beside(target: Path, suffix: str) -> list[Path]:
 
 
 def _prefix(target: Path) -> str:
-    """Return the beginning of the names of a target's drafts, of limited length for targets with long names."""
+    """Return the prefix of draft names, short even for long targets."""
     return f".{target.name[:40]}.{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]}."
 
 
 def _any_path(target: Path) -> Path:
-    """Return a path for a draft of `target` that nobody else has drawn."""
+    """Return a random path for a draft of `target`."""
     return target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{PART}")
 
 
 def _made(path: Path) -> int | None:
-    """Make a draft, and return its lock; None if there is one already, or it was taken for one that was left."""
+    """Make a draft; return its lock, or None after a collision."""
     try:
         path.mkdir()
     except FileExistsError:
@@ -224,7 +220,9 @@ def _made(path: Path) -> int | None:
 
 @contextlib.contextmanager
 def _held(path: Path, *, abandoned_after: float, wait: bool = False) -> Iterator[bool]:
-    """Yield whether this process holds the draft: the draft exists and its writer no longer does.
+    """Yield whether this process has locked an abandoned draft.
+
+    That is, whether the draft exists and its writer no longer does.
 
     Parameters
     ----------
@@ -250,7 +248,7 @@ def _held(path: Path, *, abandoned_after: float, wait: bool = False) -> Iterator
 
 
 def _lock(number: int, *, wait: bool) -> None:
-    """Lock an open folder; raises OSError if another process holds the lock, or locks are not supported."""
+    """Lock an open folder. Raise `OSError` if another process holds the lock, or locks are not supported."""
     if fcntl is None:
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
     fcntl.flock(number, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -264,7 +262,7 @@ def _is(number: int, path: Path) -> bool:
 
 
 def settle(draft: Path) -> None:
-    """Wait until the whole content of a draft is on the disk."""
+    """Flush the whole content of a draft to the disk."""
     for folder, _, names in os.walk(draft, topdown=False):
         for name in names:
             _synchronise(os.path.join(folder, name))

@@ -1,4 +1,4 @@
-"""Functions shared by all readers and writers of files: paths, sizes, free space, and complete writing."""
+"""Checks of paths, sizes and free space, and atomic writing."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _POINTERS = {
 def existing_file(
     path: str | os.PathLike[str], max_bytes: int, way_out: str, error: type[InputError] = DemonstrationError
 ) -> Path:
-    """Return `path` if it is a file of at most `max_bytes`; `way_out` is the advice for a larger one.
+    """Return `path` if it is a file of at most `max_bytes`. `way_out` is the advice for a larger one.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def existing_file(
 
 
 def require_content(path: Path, error: type[InputError] = DemonstrationError) -> None:
-    """Raise if a file is only the pointer that Git LFS or git-annex leaves, or the page that a browser saved."""
+    """Refuse pointer files of Git LFS or git-annex, and HTML pages."""
     with telling(path, error=error):
         if path.is_symlink() and not path.exists():
             head = b"/annex/objects/" if "annex/objects" in os.readlink(path) else b""
@@ -82,7 +82,7 @@ def require_content(path: Path, error: type[InputError] = DemonstrationError) ->
 
 @contextlib.contextmanager
 def telling(path: Path, doing: str = "read", error: type[InputError] = DemonstrationError) -> Iterator[None]:
-    """Convert a failure of the file system to an `error` that names `path`."""
+    """Convert file-system failures to an `error` that names `path`."""
     try:
         yield
     except OSError as failure:
@@ -111,7 +111,7 @@ def _encodable(path: Path, encoding: str) -> bool:
 
 
 def refusal(failure: OSError, path: Path) -> tuple[str, str]:
-    """Return the reason for a failure of the file system, and the advice against it."""
+    """Return reason and advice for a file-system failure."""
     if failure.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"the disk is full{_free(path)}", "make room there, or name a place on another disk"
     if failure.errno == errno.EFBIG:
@@ -126,7 +126,7 @@ def refusal(failure: OSError, path: Path) -> tuple[str, str]:
 
 
 def _free(path: Path) -> str:
-    """Return the free space of the disk in words; empty if it is large or unknown."""
+    """Return the free disk space in words; empty if ample or unknown."""
     for folder in path.absolute().parents:
         with contextlib.suppress(OSError):
             free = shutil.disk_usage(folder).free
@@ -135,7 +135,7 @@ def _free(path: Path) -> str:
 
 
 def require_room(path: Path, error: type[InputError] = DemonstrationError, room: int = ROOM) -> None:
-    """Check, before a long computation, that a draft can be written beside `path` (see `drafts`).
+    """Check in advance that a draft can be written beside `path`. See `drafts`.
 
     Parameters
     ----------
@@ -166,7 +166,8 @@ def require_room(path: Path, error: type[InputError] = DemonstrationError, room:
 
 
 def _try(folder: Path) -> None:
-    """Make a file in a folder, and remove it: where the system can, one without a name, which no kill leaves."""
+    """Make a file in a folder and remove it. Where the system can, the file has no name, so that a killed process
+    leaves nothing."""
     with contextlib.suppress(OSError, AttributeError):
         os.close(os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o600))
         return
@@ -197,7 +198,7 @@ def installed(module: str, what: str, extra: str) -> Any:
 
     Parameters
     ----------
-    what : what needs it, in words
+    what : feature that needs it, in words
     """
     try:
         return importlib.import_module(module)
@@ -218,7 +219,7 @@ def whole_file(
 def whole_path(
     path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
 ) -> Iterator[Path]:
-    """Yield a temporary path to write a file; it is moved to `path` only after complete writing to the disk.
+    """Yield a temporary path, moved to `path` once written completely.
 
     Parameters
     ----------
@@ -245,12 +246,12 @@ def whole_path(
 
 
 def require_target(path: Path, error: type[InputError] = DemonstrationError) -> None:
-    """Check, before a long computation, that a file can be written to `path`.
+    """Check in advance that a file can be written to `path`.
 
     Raises
     ------
     error
-        If it does not name a file, or a folder or something else is there; or as in `require_room`.
+        If it does not name a file, if a folder or special file has that path, or as in `require_room`.
     """
     with telling(path, "written", error):
         with contextlib.suppress(FileNotFoundError):
@@ -269,7 +270,7 @@ def require_target(path: Path, error: type[InputError] = DemonstrationError) -> 
 
 
 def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
-    """Move the draft to its path, and raise if another process made a file there first."""
+    """Move the draft to its path unless a file exists there."""
     try:
         try:
             os.link(draft, path)

@@ -1,4 +1,4 @@
-"""Folders that are written as a whole: a draft beside the folder takes its place when everything has been written."""
+"""Folders that are replaced as a whole by a complete draft."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Contents:
 
 
 def check_target(folder: str | Path, contents: Contents) -> Path:
-    """Check that a folder of the kind `contents` may be written, and return its resolved path.
+    """Check that a folder may be written; return its resolved path.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def check_target(folder: str | Path, contents: Contents) -> Path:
 
 @contextmanager
 def whole_folder(folder: str | Path, contents: Contents) -> Iterator[Path]:
-    """Lend a draft folder, which replaces `folder` as a whole when all went well, and is deleted otherwise.
+    """Yield a draft that replaces `folder` if no error occurs. Otherwise it is deleted.
 
     Raises
     ------
@@ -85,16 +85,16 @@ def whole_folder(folder: str | Path, contents: Contents) -> Iterator[Path]:
 
 
 def identity_of(folder: Path) -> int:
-    """Return a number by which a folder is known under any name, as long as it is there."""
+    """Return a number that identifies an existing folder, however named."""
     return folder.stat().st_ino
 
 
 def add_files(folder: str | Path, files: Mapping[str, bytes], identity: int) -> None:
-    """Write files into a folder, each as a whole; none where another folder is in its place by now.
+    """Write files into a folder, each atomically, unless it was replaced.
 
     Parameters
     ----------
-    identity : of the folder, as of `identity_of`
+    identity : number of the folder by `identity_of`
 
     Raises
     ------
@@ -110,7 +110,7 @@ def add_files(folder: str | Path, files: Mapping[str, bytes], identity: int) -> 
 
 
 def require_folder(folder: str | Path, made_by: str) -> Path:
-    """Return the path of a folder, after completing a replacement of it that was interrupted.
+    """Return an existing folder, after completing an interrupted replacement.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def require_folder(folder: str | Path, made_by: str) -> Path:
 
 
 def _resolved(folder: str | Path, error: type[InputError]) -> Path:
-    """Return the path to which links lead."""
+    """Return the path with links resolved."""
     try:
         return Path(folder).resolve()
     except (OSError, RuntimeError, ValueError) as failure:
@@ -138,7 +138,7 @@ def _resolved(folder: str | Path, error: type[InputError]) -> Path:
 
 
 def listed_inputs(folder: Path) -> dict[str, Any]:
-    """Return the contents of a folder's list of inputs; empty where there is none that can be read."""
+    """Return the content of a folder's input list; empty if unreadable."""
     try:
         if (folder / LIST).stat().st_size > LIST_BYTES:
             return {}
@@ -149,7 +149,8 @@ def listed_inputs(folder: Path) -> dict[str, Any]:
 
 
 def scene_folder(path: Path) -> Path:
-    """Return the folder to which paths in a scene file are relative: its own, or that of a result's copies."""
+    """Return the folder to which a scene file's paths are relative. It is the file's own folder, or that of the
+    copies in a result."""
     place = listed_inputs(path.parent).get("scene") if path.name == "scene.json" else None
     if not isinstance(place, str) or Path(place).parts[:1] != (FOLDER,) or ".." in Path(place).parts:
         return path.parent
@@ -157,7 +158,7 @@ def scene_folder(path: Path) -> Path:
 
 
 def _require_only(folder: Path, contents: Contents) -> None:
-    """Refuse a folder that cannot be replaced as a whole without loss."""
+    """Refuse a folder that cannot be replaced without loss."""
     what, names = contents.what, {entry.name for entry in folder.iterdir()}
     if names and not names & contents.marks:
         why, way_out = f"the folder is not empty and holds no {what}", "name another or empty it"
@@ -178,7 +179,7 @@ def _require_only(folder: Path, contents: Contents) -> None:
 
 
 def _other_file(folder: Path, names: set[str], contents: Contents) -> str | None:
-    """Return the first file in a folder that does not belong to its kind; None where there is none."""
+    """Return the first file that does not belong to the folder's kind. Return None where there is none."""
     inputs = listed_inputs(folder).get("files") if contents.marks else None
     listed = {name for name in inputs if name.startswith(f"{FOLDER}/")} if isinstance(inputs, dict) else set()
     own = contents.names | ({LIST, *listed} if listed else set())

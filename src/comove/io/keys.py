@@ -1,10 +1,11 @@
-"""Building blocks of the YAML files' models: strict base class, numbers, vectors, quaternions and names.
+"""Building blocks of models of YAML files.
 
-Lengths are in metres, quaternions in the order w, x, y, z. Types are marked by what their values are, so that
-`marked` finds every vector of a file, and every name of a hand, and `scaled` every number that grows with lengths.
+They are a strict base class, numbers, vectors, quaternions and names. Lengths are in metres, quaternions in the
+order w, x, y, z. Types carry marks of their meaning, so that `marked` finds every vector of a file and every name of
+a manipulator, and `scaled` every number that grows with lengths.
 
-Errors of pydantic are translated into plain words: key, line, value and what to write instead. The keys that a file
-may hold are described by a `Contract`, which the models fill in.
+Errors of pydantic are translated into plain words: key, line, value and correction. A `Contract`, which the models
+fill in, describes the keys that a file may hold.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _Keys = dict[KeyPath, list[str]]
 
 
 class Flaw(NamedTuple):
-    """An error in a file, which holds its place, what is wrong, and what to write instead."""
+    """Error in a file: key path, message and correction."""
 
     path: KeyPath
     message: str
@@ -50,7 +51,7 @@ class Flaw(NamedTuple):
 
 
 class Family(NamedTuple):
-    """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the place's depth."""
+    """Place in a file whose model depends on a tag. It holds the tag's key, the models, and the place's depth."""
 
     tag: str
     models: Mapping[str, type[BaseModel]]
@@ -58,7 +59,7 @@ class Family(NamedTuple):
 
 
 class Contract(NamedTuple):
-    """The models of a file: one of the whole, and those of the places whose model depends on a tag."""
+    """Models of a file. One is of the whole file, the others of places whose model depends on a tag."""
 
     root: type[BaseModel]
     families: Mapping[str | int, Family]
@@ -84,10 +85,7 @@ _BOUNDS = {
 
 
 def show(value: Any) -> str:
-    """Return a value as a scene file would hold it, shortened.
-
-    Characters that a terminal may act on are escaped.
-    """
+    """Return a value as a scene file would hold it, shortened. Characters that a terminal may act on are escaped."""
     if value is None or isinstance(value, bool):
         return {None: "nothing", True: "true", False: "false"}[value]
     try:
@@ -97,7 +95,7 @@ def show(value: Any) -> str:
 
 
 def counted(items: Sized, one: str, several: str | None = None) -> str:
-    """Return the number of items with its noun, such as ``1 entry`` or ``2 entries``."""
+    """Return a count with its noun, such as ``1 entry``."""
     return f"{len(items)} {one if len(items) == 1 else several or one + 's'}"
 
 
@@ -112,7 +110,7 @@ def _plain_key(key: str) -> str:
 
 
 def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> SceneError:
-    """Return one error that tells the first flaws of the file."""
+    """Return one error that reports the first flaws of the file."""
     flaws = sorted(flaws, key=lambda flaw: lines.get(flaw.path, 0))
     keys = [place(flaw.path, lines) for flaw in flaws]
     if len(flaws) == 1:
@@ -126,14 +124,14 @@ def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> Sce
 
 
 def place(path: KeyPath, lines: Mapping[KeyPath, int]) -> str | None:
-    """Return a key and its line, or that of the nearest key around it, as text as far as both are known."""
+    """Return a key path and the nearest known line as text."""
     known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in lines), None)
     line = "" if known is None else f" (line {lines[known]})"
     return f"{_dotted(path)}{line}" or None
 
 
 def explained(error: ValidationError, data: Any, contract: Contract) -> list[Flaw]:
-    """Return pydantic's errors as flaws in plain words; a place's missing keys, and misspelt ones, are told once."""
+    """Return pydantic's errors as flaws in plain words. Missing and misspelt keys of one place are reported once."""
     details = [
         (_existing(detail["loc"], data, contract), detail) for detail in error.errors(include_url=False)
     ]
@@ -155,7 +153,7 @@ def explained(error: ValidationError, data: Any, contract: Contract) -> list[Fla
 
 
 def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
-    """Return an error's location without pydantic's union tags and without keys that the data lack."""
+    """Return an error's location as a key path in the data."""
     family = contract.families.get(location[0]) if location else None
     if family:
         location = location[: family.depth] + location[family.depth + 1 :]
@@ -170,7 +168,7 @@ def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
 
 
 def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
-    """Return the keys that the contract knows for the mapping at `path`, and whether each is required."""
+    """Return the keys allowed at `path`, and whether each is required."""
     if path and (family := _family_at(path, contract)):
         part = reduce(lambda whole, key: whole[key], path[: family.depth], data)
         model = _model_at(family.models[part[family.tag]], path[family.depth :])
@@ -180,13 +178,13 @@ def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
 
 
 def _family_at(path: KeyPath, contract: Contract) -> Family | None:
-    """Return the family that a path leads into, of lists in a part by the two keys that lead to them."""
+    """Return the family that a path leads into. Lists within a part are found by the two keys that lead to them."""
     inner = ".".join(map(str, path[:2])) if len(path) > 2 else ""
     return contract.families.get(inner) or contract.families.get(path[0])
 
 
 def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
-    """Return the model of the mapping at `path`, through lists, mappings by name and optional parts."""
+    """Return the model of the mapping at `path`."""
     found: Any = root
     for part in path:
         if isinstance(found, type) and issubclass(found, BaseModel):
@@ -218,7 +216,7 @@ def _missing_keys(missing: _Keys, unknown: _Keys, data: Any, contract: Contract)
 
 
 def _translated(detail: ErrorDetails, path: KeyPath, contract: Contract) -> tuple[str, str]:
-    """Return what is wrong with a value, in plain words, and what to write instead."""
+    """Return a value's error in plain words, and the correction."""
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "value_error":  # raised by a validator of the models, with message and way out
         return context["error"].args
@@ -255,26 +253,23 @@ SCALES, VECTOR, HAND = "grows with lengths", "has the scene's dimension", "names
 
 
 class Wrong(ValueError):
-    """Raised when a value has the right type but breaks the rules of the file.
-
-    `args` are the message and what to write instead.
-    """
+    """Error of a value with the right type that breaks a rule. `args` are the message and the correction."""
 
 
 def no_minus_zero(number: float) -> float:
-    """Return the number with -0.0 turned into 0.0, so that equal files have equal checksums."""
+    """Turn -0.0 into 0.0, so that equal files have equal checksums."""
     return number + 0.0
 
 
 def not_huge(number: float) -> float:
-    """Return a number, or raise `Wrong` where it is too large for computing with lengths; -0.0 becomes 0.0."""
+    """Return a number with -0.0 as 0.0. Raise `Wrong` where it is too large for computing with lengths."""
     if abs(number) > LARGEST:
         raise Wrong(f"{show(number)} is out of range", f"write a number of at most {LARGEST:g}, in SI units")
     return no_minus_zero(number)
 
 
 def measurable(number: float) -> float:
-    """Return a number, or raise `Wrong` where it is too small for a length, a time or a mass."""
+    """Return a number of valid size for a length, time or mass. Raise `Wrong` where it is too small or too large."""
     if number < SMALLEST:
         raise Wrong(
             f"{show(number)} is out of range", f"write a number of at least {SMALLEST:g}, in SI units"
@@ -283,13 +278,13 @@ def measurable(number: float) -> float:
 
 
 def as_tuple(value: Any) -> Any:
-    """Return a list or an array as a tuple, any other value as it is."""
+    """Return lists and arrays as tuples, other values unchanged."""
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(value) if isinstance(value, list) else value
 
 
 def safe_name(name: str) -> str:
-    """Return a name, or raise `Wrong` where it cannot name a folder, a file and a column of a table."""
+    """Return a name that is valid for files, folders and columns. Raise `Wrong` where it is not."""
     if not re.fullmatch(r"\w[\w +-]*(\.[\w +-]+)*", name) or name.endswith(" "):
         way_out = "begin with a letter or digit; letters, digits, blanks and . _ + - may follow"
         raise Wrong(f"{show(name)} cannot name a file", way_out)
@@ -344,7 +339,7 @@ def at_least(count: int, what: str) -> AfterValidator:
 
 
 def at_most(count: int, what: str) -> AfterValidator:
-    """Return a validator that refuses lists of more than `count` entries, which would take too long to solve."""
+    """Return a validator that refuses lists of more than `count` entries."""
 
     def check(items: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(items) > count:
@@ -355,7 +350,7 @@ def at_most(count: int, what: str) -> AfterValidator:
 
 
 def distinct(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names, or raise `Wrong` where there are none or one is repeated."""
+    """Return names; raise `Wrong` if empty or one is repeated."""
     if not names:
         raise Wrong("no manipulator is named", "name at least one")
     if len(set(names)) < len(names):
@@ -385,19 +380,14 @@ Pair = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(_pa
 
 
 class Part(BaseModel):
-    """Base class of all models, which are frozen and strict.
-
-    Unknown keys, NaN and infinity are refused, and so are a bool or a text in the place of a number.
-    """
+    """Base class of all models, which are frozen and strict. Unknown keys, NaN and infinity are refused, and so is a
+    bool or a text instead of a number."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class Sparse(Part):
-    """A part that leaves out of its plain data those of its keys in `LATER` that are not set.
-
-    Files that do not use a key that came later keep their checksum.
-    """
+    """Part whose plain data omit unset keys of `LATER`. So files that do not use a later key keep their checksum."""
 
     LATER: ClassVar[tuple[str, ...]] = ()
 
@@ -409,7 +399,7 @@ class Sparse(Part):
 
 
 def marked(part: Part, mark: str) -> Iterator[tuple[KeyPath, Any]]:
-    """Yield the values of a part whose type has a mark, with their key paths: names, and vectors as a whole."""
+    """Yield the values whose type has a mark, with key paths. Names are yielded one by one, vectors as a whole."""
     for key, marks in _marks_of(type(part)).items():
         yield from _leaves((key,), getattr(part, key), mark, mark in marks)
 
@@ -428,7 +418,7 @@ def _leaves(path: KeyPath, value: Any, mark: str, has: bool) -> Iterator[tuple[K
 
 
 def scaled(part: Part, factor: float) -> dict[str, Any]:
-    """Return a part as plain data, with every number that grows with lengths multiplied by a factor."""
+    """Return a part as plain data with lengths scaled by `factor`."""
 
     def times(value: Any, grows: bool) -> Any:
         if isinstance(value, Part):
@@ -444,11 +434,10 @@ def scaled(part: Part, factor: float) -> dict[str, Any]:
 
 @cache
 def _marks_of(kind: type[Part]) -> dict[str, set[str]]:
-    """Return the marks of the types of a part's values."""
     return {key: _marks(field.annotation, *field.metadata) for key, field in kind.model_fields.items()}
 
 
 def _marks(*annotations: Any) -> set[str]:
-    """Return the marks of types, inside unions, tuples and mappings too, but not inside models."""
+    """Return the marks of types and their arguments, without models."""
     marks = {mark for mark in annotations if mark in (SCALES, VECTOR, HAND)}
     return marks.union(*(_marks(*get_args(one)) for one in annotations if get_args(one)))

@@ -1,4 +1,4 @@
-"""Notebooks: whether this is one, and a line of text in it that changes."""
+"""Detection of notebooks, and status lines for notebooks and terminals."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import Any
 
 
 def in_notebook() -> bool:
-    """Return whether this runs in a notebook, which shows pages, and not in a terminal."""
+    """Return whether the program runs in a notebook, not a terminal."""
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return hasattr(shell, "kernel")
 
 
 class NotebookLine:
-    """A line of text below the running cell of a notebook, replaced by the next one."""
+    """Line of text below the running cell, replaced by the next."""
 
     def __init__(self) -> None:
         self._handle: Any = None
 
     def show(self, text: str) -> None:
-        """Show a text in place of the one before."""
+        """Replace the text shown."""
         from IPython.display import display
 
         data = {"text/plain": text}
@@ -31,7 +31,7 @@ class NotebookLine:
 
 
 class StreamLine:
-    """A line of text on standard error; on a terminal it is replaced by the next one."""
+    """Line on standard error, replaced by the next on a terminal."""
 
     def show(self, text: str) -> None:
         """Show a text."""

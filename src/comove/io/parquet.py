@@ -11,7 +11,7 @@ from comove.io.files import installed, whole_path
 
 
 def write_parquet(path: str | Path, columns: Mapping[str, Sequence[Any]], kinds: Mapping[str, str]) -> None:
-    """Write a table to a Parquet file, whole or not at all.
+    """Write a table to a Parquet file atomically.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ def encode(
     encoder: dict[str, str],
     container: dict[str, str] | None = None,
 ) -> None:
-    """Write what several cameras see at a time, picture by picture, as a video of each camera.
+    """Write the pictures of several cameras as one video per camera.
 
     Parameters
     ----------

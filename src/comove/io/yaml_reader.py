@@ -1,10 +1,10 @@
-"""A strict reader of YAML files that hold one mapping, which also records the line of each key.
+"""Strict reader of YAML mappings that records lines of keys.
 
-YAML as Python's libraries load it lets duplicate keys pass (the last wins), reads ``1e3`` as text,
-``010`` as 8, ``12:30:00`` as 45000 and ``no`` as False, and follows aliases until memory is exhausted. This
-reader works on the parser's events: it refuses duplicate keys, tags, several documents and deep nesting before
-anything is built. What aliases (``*name``) repeat of an anchor (``&name``) before them, also by the merge key
-(``<<: *name``), is copied, up to a total of `MAX_REPEATED` values. Plain values are read as people write them:
+Python's YAML libraries accept duplicate keys (the last wins), read ``1e3`` as text, ``010`` as 8, ``12:30:00`` as
+45000 and ``no`` as False, and follow aliases until memory is exhausted. This reader works on the parser's events: it
+refuses duplicate keys, tags, several documents and deep nesting before anything is built. Values that aliases
+(``*name``) repeat from an earlier anchor (``&name``), also by the merge key (``<<: *name``), are copied, up to a
+total of `MAX_REPEATED` values. Plain values are read as people write them:
 
 ============================  =======================================================
 written                       read as
@@ -124,7 +124,8 @@ def plain_value(text: str) -> str | int | float | bool | None:
 
 
 def near_files(folder: Path, name: str, suffixes: tuple[str, ...]) -> str:
-    """Return a text that lists the files in `folder` with one of the `suffixes`, and the one nearest to `name`."""
+    """Return a text that lists similar files in a folder. It names the files with one of the `suffixes`, and the one
+    nearest to `name`."""
     if not folder.is_dir():
         return f"the folder {folder} does not exist either"
     names = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in suffixes)
@@ -135,7 +136,7 @@ def near_files(folder: Path, name: str, suffixes: tuple[str, ...]) -> str:
 
 
 class _Anchored(NamedTuple):
-    """A node with an anchor: its value, its number of values, its levels, and the lines of its parts by path."""
+    """Anchored node: value, size, depth, and lines by path."""
 
     value: Any
     size: int
@@ -144,7 +145,7 @@ class _Anchored(NamedTuple):
 
 
 class _Builder:
-    """A builder that turns the parser's events into plain data and records the lines."""
+    """Builder of plain data from parser events, with lines of keys."""
 
     def __init__(self, file: str | Path):
         self.file = file
@@ -153,7 +154,7 @@ class _Builder:
         self.repeated = 0
 
     def document(self, events: Iterator[yaml.Event]) -> tuple[dict[str, Any], Lines]:
-        """Read the only document of the stream, which holds a mapping."""
+        """Read the only document, which holds a mapping."""
         next(events)  # the stream starts
         if isinstance(next(events), yaml.StreamEndEvent):
             raise SceneError("the file is empty", file=self.file, way_out="write 'key: value' lines")
@@ -204,7 +205,7 @@ class _Builder:
         return copy.deepcopy(anchored.value)
 
     def refusal(self, event: yaml.Event, message: str, way_out: str) -> SceneError:
-        """Return the error that says in which line `event` stands."""
+        """Return an error that names the line of `event`."""
         return SceneError(message, file=self.file, key=f"line {_line(event)}", way_out=way_out)
 
     def _sequence(self, events: Iterator[yaml.Event], path: tuple[str | int, ...]) -> list[Any]:
@@ -234,7 +235,7 @@ class _Builder:
     def _merged(
         self, key: yaml.Event, events: Iterator[yaml.Event], path: tuple[str | int, ...]
     ) -> dict[str, Any]:
-        """Read what a merge key brings in: a mapping, or a list of them, of which the first counts most."""
+        """Read a merge key's mappings, of which the first takes precedence."""
         lines, self.lines = self.lines, {}
         value = self.node(next(events), events, path)
         lines, self.lines = self.lines, lines
@@ -265,7 +266,7 @@ class _Builder:
 
 
 def _extent(value: Any) -> tuple[int, int]:
-    """Return the number of values in a node, and of levels of lists and mappings."""
+    """Return the number of values and the nesting depth of a node."""
     if not isinstance(value, list | dict):
         return 1, 0
     parts = [_extent(part) for part in (value.values() if isinstance(value, dict) else value)]
@@ -277,7 +278,7 @@ def _line(event: yaml.Event) -> int:
 
 
 def _read_text(path: Path) -> str:
-    """Read a regular UTF-8 file of at most `MAX_BYTES`; the size is checked before anything is kept."""
+    """Read a regular UTF-8 file of at most `MAX_BYTES`. The size is checked before anything is kept."""
     try:
         if path.is_dir():
             raise SceneError("is a folder, not a file", file=path, way_out=near_files(path, "", SUFFIXES))
@@ -309,7 +310,7 @@ def _decode(raw: bytes, path: Path) -> str:
 
 
 def _syntax_error(error: yaml.YAMLError, text: str, file: str | Path) -> SceneError:
-    """Return the parser's complaint as an error of one sentence, with line and column."""
+    """Return the parser's error as one sentence, with line and column."""
     if isinstance(error, yaml.reader.ReaderError):
         return _control_character(error, text, file)
     mark = error.problem_mark or error.context_mark

@@ -1,4 +1,4 @@
-"""A run of the comparison with a robot: from the scene to the load that MuJoCo delivers."""
+"""Robot run of the comparison, from the scene to MuJoCo's delivery."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ from comove.solving import solve
 
 
 def carried(problem: SystemProblem) -> SystemOutcome:
-    """Carry the load by comove's method for robots; it counts as verified where it is delivered as well.
-
-    The joints are played in MuJoCo (see `executed`).
-    """
+    """Move the payload by comove's method for robots. The joints are played in MuJoCo (see `executed`); it counts as
+    verified if the payload is delivered too."""
     scene, robot = problem.scene, robot_of(problem.scene)
     load_robot_kernels(SceneKind.of(scene))
     _ = RobotCarrier(robot, scene.alternatives[0]).arms  # what belongs to the robot is not a search's
@@ -60,10 +58,8 @@ def carried(problem: SystemProblem) -> SystemOutcome:
 
 
 def executed(motion: VerifiedJointMotion, seed: int) -> Execution:
-    """Simulate a verified motion, perturbed by numbers that belong to its scene and the seed.
-
-    Hands hold the load by friction where all of them have fingers, and are welded to it otherwise.
-    """
+    """Simulate a verified motion with a perturbation of scene and seed. The payload is held by friction where all
+    arms have fingers, and is welded to the end effectors otherwise."""
     scene, robot = motion.scene, motion.robot
     grasp = Friction() if all(robot.arm(name).fingers for name in scene.manipulators) else Weld()
     drawn = Perturbation.drawn(

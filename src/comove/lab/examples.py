@@ -1,4 +1,4 @@
-"""The example scenes of the package, and the contents of scene files that are drawn."""
+"""Example scenes of the package, and contents of sampled scenes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def example(name: str) -> Scene:
 
 
 def copy_examples(folder: Path) -> None:
-    """Copy the example scene files to a folder, for users to try and change; existing files are kept.
+    """Copy the example scene files to a folder; existing files stay.
 
     Raises
     ------
@@ -49,13 +49,14 @@ def scene_contents(
     *,
     names: Sequence[str] = "abcd",
 ) -> dict[str, Any]:
-    """Return the contents of a scene file: a workspace from 0 to `upper`, ten seconds, at most 1 m/s.
+    """Return the contents of a scene file. The workspace is from 0 to `upper`; the motion lasts ten seconds, at most
+    at 1 m/s.
 
     Parameters
     ----------
     upper : corner of the workspace, n_dims numbers [m]
-    ends : hands at the start and at the goal, arrays, shape (n_manipulators, n_dims) [m]
-    names : names of the manipulators; more than there are hands are left out
+    ends : end effectors at the start and at the goal, arrays, shape (n_manipulators, n_dims) [m]
+    names : names of the manipulators; surplus ones are left out
     """
     start, goal = (end.tolist() for end in ends)
     return {
@@ -74,12 +75,12 @@ def scene_contents(
 def wall(
     x: float, thickness: float, low: Array, high: Array, height: float = 1.0, beyond: float = 0.1
 ) -> list[dict[str, Any]]:
-    """Return boxes that form a wall across x with an opening: two in the plane, four in space.
+    """Return boxes of a wall across x with an opening. There are two in the plane, four in space.
 
     Parameters
     ----------
     low, high : arrays, shape (n_dims - 1,), corners of the opening [m]
-    height, beyond : height of the workspace, and by how much the wall reaches beyond it [m]
+    height, beyond : height of the workspace, and length of the wall beyond it [m]
     """
     whole = (-beyond, height + beyond)
     sides: list[tuple[tuple[float, float], ...]] = [((-beyond, low[0]),), ((high[0], height + beyond),)]

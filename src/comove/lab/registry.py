@@ -1,8 +1,5 @@
-"""The systems of the comparison by their names in tables: comove's methods, published ones, other tools.
-
-To import this module needs none of the tools. A system whose tool is missing raises `comove.errors.ExtraError` when
-it is to run.
-"""
+"""Systems of the comparison by name. They are comove's methods, published ones, and other tools. Importing this
+module needs none of the tools. A system whose tool is missing raises `comove.errors.ExtraError` at its run."""
 
 from __future__ import annotations
 

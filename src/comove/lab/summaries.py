@@ -1,4 +1,4 @@
-"""Summaries of measured values: confidence intervals, by Wilson and by the bootstrap, and tables in Markdown."""
+"""Summaries of measured values: confidence intervals and Markdown tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """An estimate with its confidence interval of level `CONFIDENCE`; NaN if there are no values."""
+    """Estimate with its confidence interval of level `CONFIDENCE`. It is NaN if there are no values."""
 
     value: float
     low: float
@@ -63,14 +63,15 @@ def _picked(count: int, shape: tuple[int, ...], resamples: int = 2000, seed: int
 
 
 def _tails(values: Array) -> tuple[float, float]:
-    """Return the quantiles of resamples without interpolation, because the resamples may be infinite."""
+    """Return quantiles of resamples, which may be infinite, without interpolation."""
     outside = 0.5 * (1 - CONFIDENCE)
     low, high = np.quantile(values, [outside, 1 - outside], method="inverted_cdf")
     return float(low), float(high)
 
 
 def slope_interval(x: ArrayLike, times: ArrayLike) -> Interval:
-    """Return the exponent e of ``time ~ x^e``: the slope of the line through the medians on logarithmic axes.
+    """Return the exponent e of ``time ~ x^e`` with its interval. It is the slope of the line through the medians on
+    logarithmic axes.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""Systems of the comparison: each gets a problem and a clock, offers motions when it finds them, and is judged alike.
+"""Systems of the comparison, verified alike.
 
-An offer is a row of samples between which hands move on straight lines, whatever the system. One judge checks all of
-them (`comove.verification.record`) after the clock has stopped.
+Each gets a problem and a clock, and offers motions when it finds them. An offer is a row of samples between which
+end effectors move on straight lines, for every system. `comove.verification.record` verifies all of them after the
+clock has stopped.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ WEIGHTS = PaperCost()
 
 @dataclass(frozen=True, eq=False)
 class SystemProblem:
-    """Holds the problem that a system has to solve.
+    """Problem for a system.
 
     Attributes
     ----------
     scene : scene to solve
-    demonstration : a movement from which to begin, if there is one
+    demonstration : initial movement, if there is one
     seed : seed of all random numbers
     budget : processor time for the solution [s]
     """
@@ -49,12 +50,12 @@ class SystemProblem:
 
     @property
     def instants(self) -> Array:
-        """Return the times of the samples of an offer, in shares of the duration; array, shape (N_SAMPLES,)."""
+        """Return the sample times of an offer, in shares of the duration. Array, shape (N_SAMPLES,)."""
         return np.linspace(0.0, 1.0, N_SAMPLES)
 
 
 class Offers:
-    """A record of the offers of a system and their processor times; it starts when it is made."""
+    """Record of a system's offers and their processor times. It starts when it is made."""
 
     def __init__(self) -> None:
         self.started = now()
@@ -66,7 +67,7 @@ class Offers:
         return now() - self.started
 
     def take(self, hands: Array, seconds: float | None = None) -> None:
-        """Record an offer, array of shape (N_SAMPLES, n_manipulators, n_dims), [m].
+        """Record an offer [m], shape (N_SAMPLES, n_manipulators, n_dims).
 
         `seconds` is when it was found; by default now.
         """
@@ -74,12 +75,12 @@ class Offers:
 
 
 class System(ABC):
-    """A system that solves scenes.
+    """System that solves scenes.
 
     Attributes
     ----------
     name : name in tables
-    carries : whether it moves a robot's joints, too
+    carries : whether it also moves a robot's joints
     """
 
     name: str
@@ -87,24 +88,24 @@ class System(ABC):
 
     @property
     def version(self) -> str:
-        """Return the version of the tool behind it, empty for comove's own."""
+        """Return the version of its tool, empty for comove's own."""
         return ""
 
     def refuses(self, scene: Scene) -> str:
-        """Return why it is not made for a scene, in words; empty if it is."""
+        """Return why it cannot solve a scene; empty if it can."""
         return ""
 
     def warm_up(self, problem: SystemProblem) -> None:  # noqa: B027  most have nothing to do
-        """Load and compile before the clock runs everything that would delay the first run."""
+        """Load and compile everything that would delay the first run. The clock does not run yet."""
 
     @abstractmethod
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Solve the problem within its budget and offer the motions found, the best last."""
+        """Solve the problem within its budget; offer motions, the best last."""
 
 
 @dataclass(frozen=True)
 class OwnSystem(System):
-    """A system that runs a method of `comove.solve`.
+    """System that runs a method of `comove.solve`.
 
     Attributes
     ----------
@@ -124,7 +125,7 @@ class OwnSystem(System):
         _first_look(self, problem.scene.n_dims)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Offer every motion that was the best so far, and at the end the result of `solve`."""
+        """Offer every best motion so far, finally that of `solve`."""
         found: list[tuple[float, CoordinatedMotion]] = []
 
         def note(progress: Progress) -> None:
@@ -158,12 +159,12 @@ def _first_look(system: OwnSystem, n_dims: int) -> None:
 
 @dataclass(frozen=True)
 class SystemOutcome(Figures):
-    """Holds the result of one run: figures of the last offer, and how it came about.
+    """Result of one run: figures of the last offer, and history.
 
     Attributes
     ----------
     verified : whether the last offer is verified
-    reasons : reasons why it is not, in words
+    reasons : reasons why it is not
     history : (seconds, cost) of the offers that were verified and better than those before
     """
 
@@ -173,14 +174,14 @@ class SystemOutcome(Figures):
 
 
 def refusal(system: System, scene: Scene) -> str:
-    """Return why a system is not run on a scene, in words; empty if it is."""
+    """Return why a system is not run on a scene; empty if it is."""
     if scene.file.robot is not None and not system.carries:
         return "It moves hands, and the scene asks for a robot's joints."
     return system.refuses(scene)
 
 
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
-    """Run a system and judge its offers; return None if it offers nothing."""
+    """Run a system and verify its offers; None without offers."""
     system.warm_up(problem)
     offers = Offers()
     system.run(problem, offers)
@@ -207,7 +208,7 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
 def with_figures(
     outcome: SystemOutcome, scene: Scene, hands: Array, verified: list[tuple[float, Array]]
 ) -> SystemOutcome:
-    """Return an outcome with the figures of its last offer, and with the history of the verified ones.
+    """Return a result with its last offer's figures, and history. The history is that of the verified offers.
 
     Parameters
     ----------
@@ -235,12 +236,12 @@ def with_figures(
 
 
 def report_of(problem: SystemProblem, hands: Array) -> ExecutionReport:
-    """Return the judge's report on an offer."""
+    """Return the verification report on an offer."""
     return verify_execution(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
 
 
 def cost_of(scene: Scene, hands: Array) -> Array:
-    """Compute J of equation (4) in unit duration, of even samples.
+    """Compute J of equation (4) in unit duration from even samples.
 
     Parameters
     ----------
@@ -257,7 +258,7 @@ def cost_of(scene: Scene, hands: Array) -> Array:
 
 
 def distance_errors(scene: Scene, hands: Array) -> Array:
-    """Return the largest error of a fixed distance at every step [m]; 0 where no distance is fixed.
+    """Return the largest error of a fixed distance, else 0 [m]. It is that at every step.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Processes that work on tasks: a pool that knows at which task a process was when it was killed."""
+"""Pool of worker processes that reports which task a killed process had."""
 
 from comove.processes.pool import (
     ALONE,

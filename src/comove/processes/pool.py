@@ -1,10 +1,10 @@
-"""Processes that work on tasks one after the other, each with warm kernels and one numerical thread.
+"""Worker processes with warm kernels and one numerical thread each.
 
-A pool starts processes of its own (`comove.processes.worker`) and talks to each over a socket, so that it knows which
-task a process was at when it was killed: that task alone is affected, and another process takes its place. Programs
-that use a pool need no guard around their main module, which the processes do not import.
+A pool starts its own processes (`comove.processes.worker`) and communicates with each over a socket. If one is
+killed, only its current task is affected, and another process replaces it. Programs that use a pool need no guard
+around their main module, which the processes do not import.
 
-What passes between the processes is pickled; it never leaves the machine and is never read from a file.
+Messages between the processes are pickled; they never leave the machine and are never read from a file.
 """
 
 from __future__ import annotations
@@ -37,14 +37,17 @@ ALONE = "COMOVE_COMPILE_ALONE"
 
 
 def n_processors() -> int:
-    """Return the number of cores that this process may use; those of the machine where the system does not tell."""
+    """Return the number of cores available to this process. Where the system does not report it, return the number
+    of the machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def start_process(module: str, **options: Any) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a module as a process of its own; return it, and a connection to it, which it knows by its argument.
+    """Start a module as a process; return it and a connection.
+
+    The module gets the number of its end of the connection as its argument.
 
     Parameters
     ----------
@@ -59,7 +62,7 @@ def start_process(module: str, **options: Any) -> tuple[subprocess.Popen[bytes],
 
 
 def end_process(process: subprocess.Popen[Any], leave: float = 1.0) -> None:
-    """End a process and wait for it; it is killed unless it ends by itself within `leave` [s]."""
+    """Terminate a process, and kill it after `leave` [s]."""
     with suppress(OSError, ValueError):
         process.terminate()
     try:
@@ -75,8 +78,8 @@ class PoolSettings:
 
     Attributes
     ----------
-    poll : time between looks at tasks that take too long [s]
-    starts : processes in a row that may die before they are ready
+    poll : interval between checks for tasks that take too long [s]
+    starts : number of successive processes that may die before they are ready
     """
 
     poll: float = 1.0
@@ -85,17 +88,17 @@ class PoolSettings:
 
 @dataclass(frozen=True)
 class TaskResult(Generic[Task, Made]):
-    """A task that has ended, in whatever way.
+    """Result of a task that has ended.
 
     Attributes
     ----------
     task : the task
-    made : what the work made of it; None if it failed
-    error : what the work raised, in one line; empty if nothing
-    refused : whether it raised because of its input, and not by a defect
-    killed : number of processes that were killed while they were at it
-    late : whether its process was killed here, because it took too long
-    seconds : time that it took [s]
+    made : return value of the work; None if it failed
+    error : exception that the work raised, in one line; empty if none
+    refused : whether the work raised because of its input, not because of a defect
+    killed : number of processes that were killed during the task
+    late : whether its process was killed because the task took too long
+    seconds : duration of the task [s]
     """
 
     task: Task
@@ -115,7 +118,7 @@ def run_tasks(
     allowed: float = math.inf,
     settings: PoolSettings = PoolSettings(),
 ) -> Iterator[TaskResult[Task, Made]]:
-    """Yield tasks as they end, in any order.
+    """Yield the results of tasks as they end, in any order.
 
     Processes start as tasks need them, and end with the iterator, also by Ctrl-C. They end within a second if this
     process is killed.
@@ -139,7 +142,7 @@ def run_tasks(
 
 
 def _packed(work: object) -> bytes:
-    """Return an object as bytes that another process can turn into the same object."""
+    """Pickle an object for another process, or raise `OptionError`."""
     try:
         if getattr(work, "__module__", "") == "__main__":
             raise ValueError(f"{work!r} belongs to the main program")
@@ -152,7 +155,7 @@ def _packed(work: object) -> bytes:
 
 
 class _Process(Generic[Task]):
-    """A process, the task that it is at, and since when."""
+    """Process with its current task and the task's start time."""
 
     def __init__(self, work: bytes):
         self.process, self.connection = start_process(
@@ -186,7 +189,7 @@ class _Process(Generic[Task]):
 
 
 class _Crew(Generic[Task, Made]):
-    """The processes of a pool."""
+    """Processes of a pool."""
 
     def __init__(self, work: bytes, workers: int, allowed: float, settings: PoolSettings):
         self.work, self.workers, self.allowed, self.settings = work, workers, allowed, settings
@@ -195,7 +198,7 @@ class _Crew(Generic[Task, Made]):
         self.died = 0
 
     def employ(self, next_task: Callable[[], Task | None]) -> bool:
-        """Give tasks to processes that have none; return whether any is at work."""
+        """Give tasks to idle processes; return whether any process has one."""
         while True:
             idle = next((p for p in self.processes.values() if p.task is None), None)
             if idle is None and len(self.processes) >= self.workers:
@@ -209,7 +212,7 @@ class _Crew(Generic[Task, Made]):
             idle.give(task)
 
     def ended(self) -> Iterator[TaskResult[Task, Made]]:
-        """Yield the tasks that have ended, as soon as there is one, or after a while none."""
+        """Yield the results of ended tasks; none if the poll times out."""
         poll = None if math.isinf(self.allowed) else self.settings.poll
         for connection in wait(list(self.processes), poll):
             process = self.processes[connection]  # type: ignore[index]
@@ -235,7 +238,7 @@ class _Crew(Generic[Task, Made]):
             process.stop_if_late(self.allowed)
 
     def _buried(self, process: _Process[Task]) -> Iterator[TaskResult[Task, Made]]:
-        """Remove a process that has died; its task was killed, unless it had not begun."""
+        """Remove a dead process, and yield its task as killed if begun."""
         del self.processes[process.connection]
         process.close()
         if process.task is None:
@@ -266,7 +269,7 @@ class _Crew(Generic[Task, Made]):
 
 
 class Ahead(Generic[Task, Made]):
-    """A process that loads what a work needs before its task is known; as a context, at whose end it is ended.
+    """Process that loads modules before its task is known, as a context. It is ended at the end of the context.
 
     Parameters
     ----------
@@ -284,7 +287,7 @@ class Ahead(Generic[Task, Made]):
         self._process.close()
 
     def work_on(self, task: Task) -> TaskResult[Task, Made]:
-        """Give the task, and wait for what becomes of it."""
+        """Send the task, and wait for its result."""
         self._process.give(task)
         said = list[tuple[str, Any]]()
         with suppress(EOFError, OSError):

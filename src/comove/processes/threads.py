@@ -1,4 +1,4 @@
-"""One thread for linear algebra: on small matrices threads wait for each other longer than they compute."""
+"""Limit of linear algebra to one thread. On small matrices, threads wait for each other longer than they compute."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ NAMES = tuple(product(("", "scipy_"), ("", "64_")))  # what builds put before an
 
 
 class _Library(NamedTuple):
-    """A loaded OpenBLAS: how to ask for its number of threads, and how to set it."""
+    """Loaded OpenBLAS library: getter and setter of its number of threads."""
 
     get: Callable[[], int]
     set: Callable[[int], None]
 
 
 class _Limit:
-    """The limit to one thread of this process, which nested and parallel uses share."""
+    """One-thread limit of this process, shared by nested and parallel uses."""
 
     def __init__(self) -> None:
         self.lock, self.users = threading.Lock(), 0
@@ -42,7 +42,7 @@ class _Limit:
                     library.set(1)
 
     def end(self) -> None:
-        """Give the libraries back the threads that they had, with the last use."""
+        """Restore the former numbers of threads with the last use."""
         with self.lock:
             self.users -= 1
             if self.users == 0:
@@ -55,11 +55,8 @@ _LIMIT = _Limit()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit the OpenBLAS of NumPy and SciPy to one thread in this context.
-
-    With it results have the same bits on any number of cores, and processor time is that of the work: threads that
-    wait for each other spend as much.
-    """
+    """Limit the OpenBLAS of NumPy and SciPy to one thread. In this context results have the same bits on any number
+    of cores, and processor time is that of the work: threads that wait for each other spend as much."""
     _LIMIT.begin()
     try:
         yield
@@ -69,10 +66,8 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries(n_modules: int) -> tuple[_Library, ...]:
-    """Return the OpenBLAS libraries that are loaded; none of other makes.
-
-    Reading what is loaded takes milliseconds: it is read again once modules were imported, which load them.
-    """
+    """Return the loaded OpenBLAS libraries. Listing them takes milliseconds, so it is repeated only after further
+    modules were imported, which may load them."""
     found = list[_Library]()
     for path in sorted(_paths()):
         try:
@@ -88,7 +83,8 @@ def _libraries(n_modules: int) -> tuple[_Library, ...]:
 
 
 def _paths() -> set[str]:
-    """Return the files of OpenBLAS that are loaded, or where the system does not tell, those beside NumPy."""
+    """Return the files of the loaded OpenBLAS libraries. Where the system does not list them, return those installed
+    beside NumPy."""
     try:
         maps = MAPS.read_text(encoding="utf-8", errors="surrogateescape")
         loaded = {line.split(maxsplit=5)[-1] for line in maps.splitlines() if "openblas" in line.lower()}

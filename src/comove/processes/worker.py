@@ -1,7 +1,7 @@
-"""A process of a pool: `python -m comove.processes.worker SOCKET` works on tasks until the other end closes.
+"""Worker process of a pool: `python -m comove.processes.worker SOCKET`.
 
-It gets the path of modules and the work, says that it is ready, then answers each task by what was made of it, or by
-what was raised. It ends at once when the process that started it is gone.
+It receives the module path and the work, reports that it is ready, then answers each task by the result or the
+exception. It ends when the other end closes, or when the process that started it is gone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from comove.errors import ComoveWarning, InputError
 
 
 def main(number: int) -> None:
-    """Work on the tasks that come through a socket."""
+    """Process the tasks that arrive on a socket."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the starter's business
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     warnings.simplefilter("ignore", ComoveWarning)  # of drawn scenes there would be thousands
@@ -39,7 +39,7 @@ def main(number: int) -> None:
 
 
 def _answer(connection: Connection, work: Any) -> None:
-    """Work on the next task, and answer it."""
+    """Process the next task and send the answer."""
     packed = connection.recv_bytes()
     try:
         answer = pickle.dumps(("made", work(pickle.loads(packed))))
@@ -57,7 +57,7 @@ def told(error: BaseException) -> str:
 
 
 def _end_with(starter: int, look: float = 0.5) -> None:
-    """End this process when the one that started it is gone, for which it looks every so many seconds."""
+    """Exit as soon as the starting process is gone. `look` is the interval between checks [s]."""
     while os.getppid() == starter:
         time.sleep(look)
     os._exit(1)

@@ -1,4 +1,4 @@
-"""Export of verified joint motions, as files and messages that robots play."""
+"""Export of verified joint motions to files and messages of robots."""
 
 from comove.errors import ExportError, SendError
 from comove.ros.formats import FORMATS, ExportFormat, check_export, export, usual_format

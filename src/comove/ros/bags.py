@@ -1,8 +1,10 @@
-"""Motions as bags of ROS: `trajectory_msgs/JointTrajectory` for controllers, `sensor_msgs/JointState` for viewers.
+"""Motions as ROS bags.
 
-| topic | type | what |
+Controllers read `trajectory_msgs/JointTrajectory`, viewers `sensor_msgs/JointState`.
+
+| topic | type | content |
 |---|---|---|
-| ``/comove/ARM/joint_trajectory`` | JointTrajectory | one arm, as its controller takes it |
+| ``/comove/ARM/joint_trajectory`` | JointTrajectory | one arm, as its controller expects it |
 | ``/comove/joint_trajectory`` | JointTrajectory | all moving joints |
 | ``/comove/joint_states`` | JointState | all moving joints, one message a sample |
 | ``/comove/provenance`` | String | JSON: version, and checksums of scene, robot and motion |
@@ -40,7 +42,7 @@ Message = tuple[str, str, int, Any]
 
 
 def require_rosbags(part: MotionPart) -> None:
-    """Raise an error, before anything is written, if the library rosbags is missing."""
+    """Raise an error if the library rosbags is missing."""
     installed("rosbags", "a bag of ROS", "data")
 
 
@@ -70,7 +72,7 @@ def write_rosbag2(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def write_mcap(path: Path, part: MotionPart, rate: float) -> None:
-    """Write a part as one MCAP file, as ROS 2 would record it in its folder."""
+    """Write a part as one MCAP file. It equals the file that ROS 2 would record in a bag folder."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         _write_ros2(Path(folder, "bag"), part, rate, "MCAP")
         os.replace(Path(folder, "bag", "bag.mcap"), path)
@@ -94,7 +96,7 @@ def _write_ros2(path: Path, part: MotionPart, rate: float, storage: str) -> None
 
 @contextlib.contextmanager
 def _telling() -> Iterator[None]:
-    """Turn errors of the database into `OSError`: a full disk, for example."""
+    """Convert database errors, such as a full disk, to `OSError`."""
     try:
         yield
     except sqlite3.Error as error:
@@ -102,7 +104,7 @@ def _telling() -> Iterator[None]:
 
 
 def _quality(latched: bool) -> Any:
-    """Return a reliable quality of service; latched messages are kept for late subscribers."""
+    """Return a reliable quality of service. Latched messages are kept for late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)

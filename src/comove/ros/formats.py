@@ -1,4 +1,4 @@
-"""Formats of export, and the writing of their files: all of them, whole, or none."""
+"""Export formats, and atomic writing of all files of an export."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from comove.ros.tables import require_baxter, write_baxter, write_csv, write_npz
 
 
 def _nothing(part: MotionPart) -> None:
-    """Accept any part: the format requires nothing."""
+    """Accept any part, since the format requires nothing."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROS
 
 
 def usual_format(motion: VerifiedJointMotion) -> ExportFormat:
-    """Return the format for a robot where none is given: that of Baxter's SDK for a Baxter, else CSV."""
+    """Return the default format for a motion's robot. It is that of Baxter's SDK for a Baxter, else CSV."""
     (carry,) = parts_of(motion).values()
     try:
         BAXTER_CSV.require(carry)
@@ -100,7 +100,7 @@ def export(
 
     Parameters
     ----------
-    motion : motion sealed by the judge; no other is accepted
+    motion : verified motion; no other is accepted
     folder : folder of the files, made if missing; files already in it are kept
     format : one of `FORMATS`; `usual_format` unless given
     rate : samples per second [Hz], at least 20
@@ -108,7 +108,7 @@ def export(
 
     Returns
     -------
-    The files and folders that were written, the carry first.
+    list of the files and folders written, the carry first
 
     Raises
     ------
@@ -144,12 +144,12 @@ def check_export(
     rate: float = SAMPLE_RATE,
     parts: Iterable[str] = (CARRY,),
 ) -> None:
-    """Refuse what `export` would refuse, before approach and release are planned.
+    """Raise the errors of `export` before approach and release are planned.
 
     Parameters
     ----------
     motion, folder, format, rate : as for `export`
-    parts : names of the motions that there will be
+    parts : names of the motions to be exported
     """
     (carry,) = parts_of(motion).values()
     format = format or usual_format(motion)
@@ -166,18 +166,16 @@ def check_export(
 def _paths(
     folder: Path, format: ExportFormat, parts: Iterable[str]
 ) -> tuple[dict[str, Path], dict[str, Path]]:
-    """Return the paths of parts, and of their provenance if the format has sidecars; by the parts' names."""
+    """Return the paths of parts and of their sidecars, by name."""
     targets = {name: format.path(folder, name) for name in parts}
     return targets, {name: Path(f"{path}.json") for name, path in targets.items() if format.sidecar}
 
 
 @contextlib.contextmanager
 def _all_or_none(folder: Path) -> Iterator[tuple[contextlib.ExitStack, dict[Path, int]]]:
-    """Make the folder if it is missing, and lend a stack of drafts and a table of written paths with their inodes;
-    after an error, remove what was written and made.
-
-    The inode tells a path from a file of the same name that somebody else may have made meanwhile.
-    """
+    """Yield a stack of drafts and the inodes of written paths. The folder is made if it is missing. After an error,
+    all that was written and made is removed. The inode distinguishes a path from a file of the same name that
+    another process may have made meanwhile."""
     made: dict[Path, int] = {}
     missing = not folder.exists()
     try:

@@ -1,7 +1,7 @@
-"""Parts of a motion for a robot: up to three motions of its joints, with their provenance.
+"""Parts of a motion for a robot, with their provenance.
 
-The *carry* is the verified motion. The *approach* brings the hands from home, or the present joints, to the grasp and
-grips, the *release* lets go and brings them home; both come from `comove.robots.transfers`.
+The *carry* is the verified transfer motion. The *approach* moves the end effectors from home, or the present joints,
+to the grasp and grips, the *release* lets go and moves them home; both come from `comove.robots.transfers`.
 """
 
 from __future__ import annotations
@@ -32,11 +32,9 @@ IN_STEP = "obstacles move: begin the motion at the instant at which they are whe
 
 @dataclass(frozen=True)
 class MotionProvenance:
-    """Provenance of a motion, written into everything that is exported.
-
-    `begin` says when the motion must begin, where that matters. The checksums are those in the `robot.json` of a
-    result: of the hands' motion and of the joints' carry.
-    """
+    """Provenance of a motion, written into every export. `begin` says when the motion must begin, where that
+    matters. The checksums are those in the `robot.json` of a result: of the end effectors' motion and of the joints'
+    carry."""
 
     comove: str
     scene: str
@@ -55,7 +53,7 @@ class MotionProvenance:
 
 @dataclass(frozen=True, eq=False)
 class JointSamples:
-    """Samples of some joints' motion at even instants, in whole nanoseconds as ROS counts them; at rest at both ends.
+    """Samples of a joint motion at even instants, resting at both ends. Times are whole nanoseconds, as in ROS.
 
     Attributes
     ----------
@@ -102,7 +100,7 @@ class MotionPart:
     provenance: MotionProvenance
 
     def samples(self, rate: float) -> JointSamples:
-        """Sample the exact curve at `rate` [Hz] or a little finer, so that the end is a sample."""
+        """Sample the exact curve at `rate` [Hz] or slightly more. The rate is raised so that the end is a sample."""
         n_steps = max(2, int(np.ceil(self.joints.duration * rate - 1e-9)) + 1)
         nanoseconds = np.rint(np.linspace(0.0, self.joints.duration, n_steps) * NANO).astype(np.int64)
         position, velocity, acceleration = self.joints.at(nanoseconds / NANO)
@@ -111,12 +109,12 @@ class MotionPart:
         return JointSamples(self.joints.joint_names, nanoseconds, position, velocity, acceleration)
 
     def opening(self, time: Array) -> Array:
-        """Return the opening of the grippers, 100 open and 0 closed [per cent]; array, shape (n_steps,)."""
+        """Return the gripper opening [per cent], 100 open and 0 closed. It is an array of shape (n_steps,)."""
         return np.where(time >= self.gripped_from - 0.5 / NANO, 0.0, 100.0)
 
 
 def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, MotionPart]:
-    """Return the motions to play, by name: the carry, and those of approach and release that there are.
+    """Return the parts of a motion by name. They are the carry, and those of approach and release that exist.
 
     Raises
     ------
@@ -160,7 +158,7 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
 
 
 def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
-    """Refuse rates at which the played motion departs too far from the verified one.
+    """Refuse rates at which the played motion deviates too far.
 
     Raises
     ------
@@ -184,11 +182,13 @@ def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
 
 
 def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, float]:
-    """Compute the errors of the hands if samples at `rate` [Hz] are joined by a cubic spline or by straight lines.
+    """Compute the interpolation errors of end effectors at `rate` [Hz]. The samples are joined by a cubic spline or
+    by straight lines.
 
     Returns
     -------
-    cubic, linear : largest error of the distance between two neighbouring hands, or of the place of a single hand [m]
+    cubic, linear : largest error of the distance between two neighbouring end effectors, or of the position of a
+        single one [m]
     """
     samples = parts_of(motion)[CARRY].samples(rate)
     time = np.linspace(0.0, motion.joints.duration, max(1001, 10 * len(samples.time)))
@@ -200,9 +200,8 @@ def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, fl
 
 
 def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
-    """Compute distances between neighbouring hands, array of shape (n_steps, n_pairs, 1), or the place of a single
-    hand.
-    """
+    """Compute distances between neighbouring end effectors, shape (n_steps, n_pairs, 1). For a single end effector,
+    compute its positions instead, shape (n_steps, 1, 3)."""
     robot = motion.robot
     hands = np.array([[robot.tool_pose(row, arm)[:3, 3] for arm in robot.arms] for row in q])
     if len(robot.arms) == 1:

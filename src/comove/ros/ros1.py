@@ -1,8 +1,5 @@
-"""Client for a robot in ROS 1, by one FollowJointTrajectory action server for each arm.
-
-ROS brings its own Python, so a separate program, `ros1_bridge.py`, speaks to it. It stops all arms when this process
-ends.
-"""
+"""Client for a ROS 1 robot with one FollowJointTrajectory server per arm. ROS brings its own Python, so a separate
+program, `ros1_bridge.py`, communicates with it. It stops all arms when this process ends."""
 
 from __future__ import annotations
 
@@ -31,21 +28,21 @@ PYTHON = "COMOVE_ROS_PYTHON"
 
 @dataclass(frozen=True)
 class Names:
-    """Names of a robot's action servers and of its topic of joint states; Baxter's unless given."""
+    """Names of action servers and of the joint-state topic; by default Baxter's."""
 
     action: str = "robot/limb/{arm}/follow_joint_trajectory"
     joint_states: str = "/robot/joint_states"
 
 
 class Ros1Client:
-    """A `TrajectoryClient` for ROS 1, to be closed or used as a context.
+    """`TrajectoryClient` for ROS 1, to be closed or used as context.
 
     Parameters
     ----------
     names : names of the robot's action servers and topic
     python : path of a Python with rospy; searched for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
-    answer : time in which a bridge says that it has cancelled [s]
-    starting : time for a Python to load ROS, beyond what the robot is given [s]
+    answer : time within which a bridge must confirm a cancellation [s]
+    starting : time for a Python to load ROS, in addition to the time allowed for the robot [s]
     """
 
     def __init__(
@@ -128,7 +125,7 @@ class Ros1Client:
                 self._tell({"do": "cancel_all"})
 
     def _has_cancelled(self) -> bool:
-        """Return whether the bridge confirms that it cancelled; it may hang, or end meanwhile."""
+        """Return whether the bridge confirms the cancellation. It may hang, or end meanwhile."""
         event = self._awaited(("cancelled",), self._within)
         if event is None:
             self._lose("did not answer")
@@ -137,7 +134,7 @@ class Ros1Client:
         return event["event"] == "cancelled"
 
     def state(self, wait: float) -> RobotState:
-        """Return the known state, after waiting for news for at most `wait` [s]."""
+        """Return the known state, after waiting at most `wait` [s]."""
         for event in self._news(wait):
             self._take(event)
         return replace(
@@ -161,7 +158,7 @@ class Ros1Client:
             self._errors = None
 
     def _begin(self, python: str, command: dict[str, Any]) -> dict[str, Any]:
-        """Start a bridge and connect it; returns its answer."""
+        """Start a bridge and connect it; return its answer."""
         self._events = queue.Queue()
         try:
             self._errors = tempfile.TemporaryFile()  # noqa: SIM115
@@ -195,7 +192,7 @@ class Ros1Client:
         return event
 
     def _awaited(self, kinds: tuple[str, ...], timeout: float) -> dict[str, Any] | None:
-        """Return the first event of some kinds, or of the end; None if none comes. Those before update the state."""
+        """Return the first event of some kinds or the end, or None."""
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
             for event in self._news(left):
@@ -263,7 +260,7 @@ def _listen(stream: IO[str], events: queue.Queue[dict[str, Any]]) -> None:
 
 
 def _refusal(reason: str, what: str, timeout: float) -> SendError:
-    """Return the error that says why ROS cannot move the robot, and what to do."""
+    """Return the error for a reason that ROS refused, with advice."""
     told = {
         "master": (
             "ROS_MASTER_URI",

@@ -6,7 +6,7 @@ It reads commands and writes events, one JSON object a line. Commands:
     {"do": "connect", "servers": {ARM: ACTION}, "joint_states": TOPIC, "joints": [NAME], "timeout": s}
     {"do": "send", "delay": s, "goals": {ARM: {"joints": [NAME], "time": [ns],
                                                "position": [[rad]], "velocity": ..., "acceleration": ...}}}
-    {"do": "cancel"}: cancels these goals; {"do": "cancel_all"}: cancels all goals of the servers, whoever sent them
+    {"do": "cancel"}: cancels these goals; {"do": "cancel_all"}: cancels all goals of the servers, from any sender
 
 Events:
 
@@ -15,7 +15,7 @@ Events:
     {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
     {"event": "arm", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
 
-When its input ends, whoever ended it, all goals are cancelled: an arm must not go on alone.
+When its input ends for any reason, all goals are cancelled: an arm must not go on alone.
 """
 
 from __future__ import print_function
@@ -75,7 +75,7 @@ SEPARATOR = "\n" + "=" * 80 + "\n"
 
 
 def message_types():
-    """Generate the classes of FollowJointTrajectory, by name, as not every distribution has control_msgs."""
+    """Generate the message classes of FollowJointTrajectory, by name. Not every distribution has control_msgs."""
     from actionlib_msgs.msg import GoalStatus
     from genpy.dynamic import generate_dynamic
     from trajectory_msgs.msg import JointTrajectory
@@ -98,11 +98,11 @@ def message_types():
 
 
 class Refused(Exception):
-    """Error that keeps a motion from being sent; its arguments are a reason and what it is about."""
+    """Error that keeps a motion from being sent. Its arguments are a reason and its subject."""
 
 
 class Teller(object):
-    """Writes events to the original output; what ROS prints goes to the error stream and cannot mix with them."""
+    """Writer of events to the original output. Prints of ROS go to the error stream and cannot mix with them."""
 
     def __init__(self):
         self.lock = threading.Lock()
@@ -120,7 +120,7 @@ class Teller(object):
 
 
 class RosBridge(object):
-    """A node that sends one goal to each of several action servers and listens to the joints."""
+    """Node that sends goals to action servers and listens to joints."""
 
     def __init__(self, tell):
         self.tell = tell
@@ -156,7 +156,7 @@ class RosBridge(object):
         self.tell("connected")
 
     def send(self, goals, delay):
-        """Send every server its goal, all with one stamp, at which they begin."""
+        """Send every server its goal, all with one start stamp."""
         import rospy
 
         messages = {arm: self.goal_message(goal) for arm, goal in goals.items()}
@@ -180,7 +180,7 @@ class RosBridge(object):
         return message
 
     def cancel(self):
-        """Cancel these goals by their ids; goal handles count a goal as lost that is cancelled before it arrives."""
+        """Cancel these goals by their ids. Goal handles count a goal as lost that is cancelled before it arrives."""
         from actionlib_msgs.msg import GoalID
 
         for arm, goal in self.goals.items():
@@ -194,7 +194,7 @@ class RosBridge(object):
         time.sleep(FLUSH)
 
     def since_start(self, stamp=None):
-        """Return ROS's time from the common start [s]; None before there is one."""
+        """Return the ROS time since the common start [s], or None."""
         import rospy
 
         if self.start is None:
@@ -202,7 +202,7 @@ class RosBridge(object):
         return ((stamp or rospy.Time.now()) - self.start).to_sec()
 
     def on_change(self, arm):
-        """Return the function to be called when a goal's state changes."""
+        """Return the callback for changes of a goal's state."""
         from actionlib import CommState, GoalStatus
 
         names = {
@@ -239,9 +239,8 @@ class RosBridge(object):
         self.heard[arm] = time.time()
 
     def watch(self, arm, node):
-        """Watch a server's process and report its end, which ROS does not: a closed connection or silence shows
-        it.
-        """
+        """Watch a server's process and report its end. ROS does not report it; a closed connection or silence shows
+        it."""
         import rosgraph
 
         uri = rosgraph.Master("/comove").lookupNode(node)
@@ -270,7 +269,7 @@ class RosBridge(object):
 
 
 def connection_ends(address):
-    """Hold a connection until the other side ends it; returns whether there was one."""
+    """Hold a connection until the other side ends it. Return whether there was a connection."""
     try:
         connection = socket.create_connection(address, 2.0)
     except (IOError, OSError):

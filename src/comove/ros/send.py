@@ -1,7 +1,5 @@
-"""Sending of a motion to a robot with one controller for each arm; all arms are stopped when one does not follow.
-
-The coordination is independent of the middleware, to which a `TrajectoryClient` speaks (ROS 1: `comove.ros.ros1`).
-"""
+"""Sending of motions to robots with one controller per arm. All arms are stopped when one does not follow. The
+coordination is independent of the middleware, which a `TrajectoryClient` connects to (ROS 1: `comove.ros.ros1`)."""
 
 from __future__ import annotations
 
@@ -52,7 +50,7 @@ _FAILED = {
 
 @dataclass(frozen=True)
 class ArmState:
-    """State that an arm's controller reports; `time` of the report since the common start [s]."""
+    """State reported by an arm's controller. `time` is that of the report since the common start [s]."""
 
     status: Status = Status.NONE
     text: str = ""
@@ -80,10 +78,10 @@ class RobotState:
 
 
 class TrajectoryClient(Protocol):
-    """A connection to the controllers of a robot's arms."""
+    """Connection to the controllers of a robot's arms."""
 
     def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
-        """Find the controller of each arm, given the names of its joints, and listen to these.
+        """Find the controller of each arm and listen to its joints. `arms` holds the joint names of each arm.
 
         Raises
         ------
@@ -92,29 +90,29 @@ class TrajectoryClient(Protocol):
         """
 
     def send(self, goals: Mapping[str, JointSamples], delay: float) -> None:
-        """Send every arm its motion; all begin at one instant, `delay` [s] from now."""
+        """Send every arm its motion, to begin `delay` [s] from now. All arms begin at the same instant."""
 
     def cancel(self) -> None:
         """Stop all arms."""
 
     def state(self, wait: float) -> RobotState:
-        """Return the known state, after waiting for news for at most `wait` [s]."""
+        """Return the known state, after waiting at most `wait` [s]."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances beyond which a motion is not begun, or is stopped.
+    """Tolerances beyond which a motion is not started, or is stopped.
 
     Attributes
     ----------
     start : largest distance of a joint from the first sample [rad]
-    path : largest distance of a joint from the motion while it runs [rad]
+    path : largest distance of a joint from the running motion [rad]
     connect : time to wait for the robot [s]
-    delay : time from sending to the common start, to which a little is added for long motions [s]
+    delay : time from sending to the common start, slightly longer for long motions [s]
     late : largest time from the end of the motion until it is reported as done [s]
     silence : largest time without reports of the joints [s]
     clock : largest difference of the robot's clock from this one [s]
-    look : time that one look at the state waits for news [s]
+    look : time that one query of the state waits for news [s]
     """
 
     start: float = 0.01
@@ -136,7 +134,7 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class SendOutcome:
-    """Outcome of a motion that was sent.
+    """Result of sending a motion.
 
     Attributes
     ----------
@@ -151,7 +149,7 @@ class SendOutcome:
 
     @property
     def apart(self) -> float:
-        """Return the time between the first arm's end and the last one's [s]."""
+        """Return the time between the first and last arm's end [s]."""
         ends = [arm.time for arm in self.arms.values() if arm.time is not None]
         return max(ends) - min(ends) if ends else 0.0
 
@@ -166,12 +164,12 @@ def send(
     rate: float = SAMPLE_RATE,
     clock: Clock = time.monotonic,
 ) -> SendOutcome:
-    """Let a robot play a verified motion, and return when all its arms are done.
+    """Play a verified motion on a robot until all arms are done.
 
     Parameters
     ----------
     client : connection to the robot
-    motion : motion sealed by the judge; no other is accepted
+    motion : verified motion; no other is accepted
     part : carry, approach or release; the last two are those of `transfers`
     rate : samples per second [Hz], at least 20
     clock : function that returns the seconds of a monotonic clock
@@ -206,7 +204,7 @@ def send(
 
 
 def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, clock: Clock) -> None:
-    """Refuse to move a robot that does not report its joints, or is not at the motion's start."""
+    """Check that the robot reports its joints at the motion's start."""
     wanted = part.joints.joint_names
     until = clock() + tolerances.connect
     state = client.state(tolerances.look)
@@ -247,7 +245,7 @@ def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Toler
 def _watched(
     client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, delay: float, clock: Clock
 ) -> SendOutcome:
-    """Wait until all arms are done, or stop them when one does not follow."""
+    """Wait until all arms are done; stop all if one fails."""
     began, worst = clock(), 0.0
     while True:
         state = client.state(tolerances.look)
@@ -275,7 +273,7 @@ def _watched(
 
 
 def _failure(state: RobotState, tolerances: Tolerances) -> str:
-    """Return the reason why the motion cannot go on, in words; empty where it can."""
+    """Return the reason why the motion cannot continue; empty if none."""
     begun = 0.1  # s after the start, when every arm must have said that it has begun
     for name, arm in state.arms.items():
         if arm.status in _FAILED:
@@ -289,7 +287,7 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
 
 
 def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
-    """Return the largest distance of a joint from the motion [rad], and the joint's name."""
+    """Return the largest joint deviation [rad] and the joint's name."""
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:
         return 0.0, names[0]

@@ -1,4 +1,4 @@
-"""Motions as plain tables: CSV for programs that read text, NPZ for NumPy, and the file format of the Baxter SDK.
+"""Motions as tables of CSV, NPZ and the Baxter SDK.
 
 The parser of the SDK's ``joint_trajectory_file_playback.py`` accepts only its header and rows of numbers: a comment,
 a blank line, an empty cell or a space stops it or silently drops a joint. The program moves slowly to the first row,
@@ -50,16 +50,15 @@ def write_npz(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def write_table(path: Path, header: list[str], table: np.ndarray) -> None:
-    """Write a table as CSV; numbers are written so that they read back bit by bit, without comments, blank lines
-    or spaces.
-    """
+    """Write a table as CSV without comments, blank lines or spaces. Numbers read back bit by bit."""
     with open(path, "w", encoding="ascii", newline="\n") as file:
         file.write(",".join(header) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
 
 
 def write_baxter(path: Path, part: MotionPart, rate: float) -> None:
-    """Write a part for the Baxter SDK: seconds, radians and the grippers' opening in per cent, 0 closed."""
+    """Write a part for the Baxter SDK. Times are in seconds, joints in radians, the grippers' opening in per cent, 0
+    closed."""
     samples = part.samples(rate)
     opening = part.opening(samples.time)[:, None]
     arms = [block for side in SIDES for block in (samples.of(ARMS[side]).position, opening)]

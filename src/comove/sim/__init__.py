@@ -1,4 +1,4 @@
-"""Simulators that play a joint motion, by geometry alone or in MuJoCo."""
+"""Simulators of joint motions: geometric playback and MuJoCo."""
 
 from typing import TYPE_CHECKING
 

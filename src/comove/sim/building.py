@@ -1,4 +1,4 @@
-"""Builder of a simulation's world: robot, obstacles and load as one MuJoCo model."""
+"""Builder of a MuJoCo model of robot, obstacles and payload."""
 
 from __future__ import annotations
 
@@ -34,18 +34,17 @@ def build_world(
     *,
     finish: Callable[[Any], None] | None = None,
 ) -> SimulatedWorld:
-    """Build the world of robot, obstacles and load.
+    """Build the simulated world of robot, obstacles and payload.
 
     Parameters
     ----------
-    finish : function that adds what only pictures need to the world's specification; visual meshes are read if it is
-        given
+    finish : function that adds parts for pictures to the world's specification; visual meshes are read if it is given
 
     Raises
     ------
     RobotError
-        If the robot cannot hold the load by this grasp, a joint moves nothing that has a mass, or MuJoCo cannot build
-        the robot.
+        If the robot cannot hold the payload by this grasp, a joint moves nothing that has a mass, or MuJoCo cannot
+        build the robot.
     """
     arms = [robot.arm(name) for name in scene.manipulators]
     holding = [] if load is None else [arms[i] for i in load.holders]
@@ -70,7 +69,7 @@ def build_world(
 
 @contextmanager
 def _telling(robot: Robot) -> Iterator[None]:
-    """Turn MuJoCo's errors in building a robot into `RobotError`."""
+    """Convert MuJoCo's errors in building a robot to `RobotError`."""
     try:
         yield
     except ValueError as error:
@@ -81,7 +80,7 @@ def _telling(robot: Robot) -> Iterator[None]:
 
 
 def _require_masses(model: Any, moving: Iterable[str]) -> None:
-    """Refuse joints that move nothing which has a mass: any motor throws it away."""
+    """Refuse joints that move no mass, which any motor would eject."""
     for name in moving:
         if model.body_subtreemass[model.joint(name).bodyid[0]] < LIGHTEST:
             raise RobotError(
@@ -113,7 +112,8 @@ def _with_robot(robot: Robot, moving: set[str], *, drawn: bool) -> Any:
 
 
 def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
-    """Add the grasp frame to the body that the arm's last joint moves: its frame is the joint's in both models."""
+    """Add an arm's grasp frame to the body of its last joint. The body's frame is that of the joint in both
+    models."""
     joint, grasp = robot.grasp_frame(arm)
     body = spec.joint(robot.model.names[joint]).parent
     body.add_site(
@@ -122,7 +122,7 @@ def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
 
 
 def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
-    """Exclude contact between the load and the hands that it is fixed to: what their arms' last joints move."""
+    """Exclude contact of the payload with the end effectors holding it."""
     for arm in holding:
         for body in below(spec.joint(robot.joint_names[arm.columns[-1]]).parent):
             if body.geoms:

@@ -1,8 +1,8 @@
-"""Cameras that look at an execution, from a fixed place or in a hand, as policies see it.
+"""Fixed and end-effector cameras of an execution, for policies.
 
-A camera stands at a pose, or sees all of the scene's workspace from the direction of a view. Both draw without
-shadows, at twice the size that is asked for, and every pixel is the mean of four: on a processor that takes half the
-time that MuJoCo's own smoothing of edges takes.
+A camera has a fixed pose, or views the whole workspace from the direction of a view. Both draw without shadows, at
+twice the requested size, and every pixel is the mean of four: on a processor that takes half the time of MuJoCo's
+own antialiasing.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class CameraPose:
-    """A place where a camera stands, and what it looks at.
+    """Position and target of a camera.
 
     Attributes
     ----------
-    position, target : where it is, and a point that it looks at, in the scene's frame or that of the hand's grasp [m]
-    hand : name of the hand in which it is mounted; None where it stands still
-    field : what it sees from top to bottom [deg]
+    position, target : position, and a point on the line of sight, in the scene's frame or that of the end effector's
+        grasp [m]
+    hand : name of the end effector that carries the camera; None for a fixed camera
+    field : vertical field of view [deg]
     """
 
     position: tuple[float, ...]
@@ -43,7 +44,7 @@ class CameraPose:
 
 
 def require_cameras() -> None:
-    """Make sure that pictures can be drawn, by drawing one."""
+    """Check that pictures can be drawn, by drawing one."""
     require_pictures()
     try:
         model = engine().MjModel.from_xml_string("<mujoco/>")
@@ -57,9 +58,10 @@ def require_cameras() -> None:
 def pictures_of(
     execution: Execution, cameras: Sequence[CameraPose | View], size: tuple[int, int], time: Array
 ) -> Iterator[list[Picture]]:
-    """Yield what cameras see of an execution at given times: for each camera an array of shape (height, width, 3).
+    """Yield the pictures of several cameras at given times of an execution.
 
-    A picture shows the sample of the execution that is nearest to its time.
+    Pictures are arrays of shape (height, width, 3), one a camera. Each shows the sample of the execution that is
+    nearest to its time.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ def pictures_of(
 
 
 def _stand(execution: Execution, camera: CameraPose | View, aspect: float) -> CameraPose:
-    """Return where a camera stands; one that sees all of the workspace depends on nothing else of the scene."""
+    """Return the pose of a camera. One that views the whole workspace depends on nothing else of the scene."""
     if isinstance(camera, CameraPose):
         return camera
     bounds = np.stack([execution.scene.lower, execution.scene.upper])
@@ -98,7 +100,7 @@ def _name(number: int) -> str:
 
 
 def _furnish(spec: Any, stands: Sequence[CameraPose]) -> None:
-    """Add light and cameras to a world."""
+    """Add lights and cameras to a world."""
     furnish(spec, shadows=False)
     spec.visual.quality.offsamples = 0
     for number, stand in enumerate(stands):
@@ -112,16 +114,14 @@ def _furnish(spec: Any, stands: Sequence[CameraPose]) -> None:
 
 
 def _turn(stand: CameraPose) -> Array:
-    """Return the axes right, up and backwards of a camera that looks at its target; array, shape (3, 3).
-
-    The third axis of its frame is up in the picture, or the first where it looks along the third.
-    """
+    """Return a camera's axes right, up and backwards; shape (3, 3). The third axis of its frame is up in the
+    picture, or the first where the line of sight is along the third."""
     back = np.subtract(stand.position, stand.target)
     return np.roll(facing(back / np.linalg.norm(back)), -1, axis=1)
 
 
 def _reduced(picture: Picture, finer: int) -> Picture:
-    """Return a picture whose pixels are the means of squares of `finer` x `finer` pixels."""
+    """Average squares of `finer` x `finer` pixels of a picture."""
     height, width = picture.shape[0] // finer, picture.shape[1] // finer
     squares = picture.reshape(height, finer, width, finer, 3).astype(np.uint16)
     return ((squares.sum(axis=(1, 3)) + finer * finer // 2) // (finer * finer)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Execution of a joint motion in MuJoCo."""
+"""Execution of joint motions in MuJoCo."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ def simulate(
     *,
     settings: Settings = USUAL,
 ) -> Execution:
-    """Simulate servos that follow a joint motion in MuJoCo, with the load in the hands.
+    """Simulate servos that track a joint motion with the payload grasped.
 
-    The servos get positions and velocities at every time step, as controllers that interpolate a trajectory do, and
-    know the payload by the mass that the scene states; the perturbation's `mass` is the error of that. Obstacles that
-    move do so from the motion's beginning to its end, and then stay.
+    The servos get positions and velocities at every time step, as controllers that interpolate a trajectory do. They
+    compensate the payload by the mass of the scene; the perturbation's `mass` is the error of that. Moving obstacles
+    move from the motion's beginning to its end, and then stay.
 
     Parameters
     ----------
-    grasp : model of how the hands hold the load; `Weld()` unless given
+    grasp : model of the grasp of the payload; `Weld()` unless given
     perturbation : deviations from the plan; none unless given
 
     Raises
@@ -55,7 +55,7 @@ def simulate(
     OptionError
         If the perturbation is for a robot with another number of joints.
     RobotError, SceneError
-        If robot, scene and motion do not belong together, or the robot cannot hold the load by this grasp.
+        If robot, scene and motion do not match, or the robot cannot hold the payload by this grasp.
     """
     grasp, perturbation = grasp or Weld(), perturbation or PLAN
     require_fit(motion, robot, scene)
@@ -82,7 +82,8 @@ def simulate(
 def at_start(
     world: SimulatedWorld, motion: JointMotion, payload: PayloadTorques, perturbation: Perturbation
 ) -> Any:
-    """Return MuJoCo's data with the hands at the load, which they carry, and with the load's grasps at the hands."""
+    """Return MuJoCo's data with the end effectors at the payload. The grasps on the payload are moved to the end
+    effectors."""
     mj, model = engine(), world.model
     data = mj.MjData(model)
     data.qpos[world.qpos] = motion.position[0]
@@ -101,7 +102,7 @@ def at_start(
 
 
 def _move_grasps(world: SimulatedWorld, data: Any) -> None:
-    """Move the load's sites to the hands."""
+    """Move the payload's sites to the end effectors."""
     mj, model = engine(), world.model
     if world.load is None:
         return
@@ -121,7 +122,7 @@ def _run(
     perturbation: Perturbation,
     settings: Settings,
 ) -> dict[str, Any]:
-    """Run the simulation; returns the logged quantities, by the names of `Execution`."""
+    """Run the simulation; return the series of `Execution` by name."""
     mj, model = engine(), world.model
     limiting = 5  # time steps after which what the robot's weight leaves of the efforts is found anew
     every = max(1, round(1 / (settings.log_rate * TIMESTEP)))
@@ -170,7 +171,7 @@ def _run(
 
 
 def broken(data: Any) -> bool:
-    """Return whether MuJoCo has met numbers that are not finite, or far too large."""
+    """Return whether MuJoCo found non-finite or far too large values."""
     kinds = engine().mjtWarning
     return any(
         data.warning[kind].number
@@ -181,7 +182,7 @@ def broken(data: Any) -> bool:
 def _push(
     world: SimulatedWorld, motion: JointMotion, perturbation: Perturbation, time: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the force of a push, array of shape (3,) [N], and the steps at which it acts, array of bool."""
+    """Return the force of a push [N], and its mask of samples."""
     push = perturbation.push
     if push is None or world.load is None:
         return np.zeros(3), np.zeros(len(time), dtype=bool)
@@ -196,10 +197,8 @@ def note_contacts(
     time: float,
     found: dict[tuple[int, int], tuple[float, float]],
 ) -> None:
-    """Update the time of the first contact and the largest depth of every watched pair that touches.
-
-    A payload that rests on a support touches it, up to `SETTLED` deep.
-    """
+    """Update the first time and largest depth of watched contacts. A payload that rests on a support touches it, up
+    to `SETTLED` deep."""
     pairs, depths = data.contact.geom, -data.contact.dist
     touching = np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0))
     under = supports_under(scene, world.load, world.load_pose(data)) if len(touching) else set()
@@ -216,7 +215,7 @@ def note_contacts(
 def contacts_of(
     world: SimulatedWorld, found: dict[tuple[int, int], tuple[float, float]]
 ) -> tuple[Contact, ...]:
-    """Return the contacts of bodies, whose shapes are several."""
+    """Return the contacts of bodies, each of several shapes."""
     told: dict[tuple[str, str], Contact] = {}
     for pair, (first, deepest) in found.items():
         names = world.names_of(pair)
@@ -226,7 +225,7 @@ def contacts_of(
 
 
 class _Log:
-    """Samples of the measured quantities, in arrays allocated in advance."""
+    """Log of measured quantities, in arrays allocated in advance."""
 
     def __init__(self, world: SimulatedWorld, n_steps: int):
         self.world, self.count = world, 0
@@ -251,7 +250,7 @@ class _Log:
         self.fingers[self.count] = data.qpos[self.finger_qpos]
 
     def write_rest(self, data: Any) -> None:
-        """Log the other quantities of the same instant, after the step."""
+        """Log the other quantities of the instant, after the step."""
         world, i = self.world, self.count
         self.torque[i] = data.qfrc_actuator[world.dofs] + motor_weight(world, data)
         self.hands[i, :, :3, 3] = data.site_xpos[world.sites]
@@ -262,11 +261,8 @@ class _Log:
         self.count += 1
 
     def _write_wrenches(self, data: Any) -> None:
-        """Sum the constraints' forces on the load by hand, and log them as wrenches.
-
-        The columns of the constraints' Jacobian for a free body give the force in the world's axes and the torque
-        about its origin in the body's axes.
-        """
+        """Sum and log the wrenches of each end effector on the payload. The columns of the constraints' Jacobian for
+        a free body give the force in the world's axes and the torque about its origin in the body's axes."""
         world, n_dofs = self.world, self.world.model.nv
         if not data.nefc:
             return
@@ -280,9 +276,7 @@ class _Log:
         self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
 
     def _hand_of_rows(self, data: Any) -> Integers:
-        """Return the number of the holder that each row of the constraints belongs to, -1 for none; array, shape
-        (n_rows,).
-        """
+        """Return the holder's number of each constraint row, else -1. Array, shape (n_rows,)."""
         kinds = engine().mjtConstraint
         hand = np.full(data.nefc, -1)
         equality = data.efc_type == int(kinds.mjCNSTR_EQUALITY)
@@ -294,7 +288,7 @@ class _Log:
         return hand
 
     def forget_broken(self) -> None:
-        """Drop all samples from the first one with a value that is not finite, but keep one at least."""
+        """Drop all samples from the first non-finite one; keep at least one."""
         broken = ~np.isfinite(self.hands[: self.count]).all(axis=(1, 2, 3))
         broken |= ~np.isfinite(self.joints[: self.count]).all(axis=1)
         if self.world.load is not None:

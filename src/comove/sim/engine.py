@@ -1,7 +1,7 @@
-"""Import of MuJoCo when it is first needed, choice of its drawing backend, and small parts of its models.
+"""Lazy import of MuJoCo, its drawing backend, and model helpers.
 
-MuJoCo chooses its drawing backend when it is imported, by the environment variable MUJOCO_GL. Without a screen, this
-is EGL where it can open a display, else OSMesa, else none: a simulation needs no pictures.
+MuJoCo chooses its drawing backend at import, by the environment variable MUJOCO_GL. Without a screen, this is EGL
+where it can open a display, else OSMesa, else none: a simulation needs no pictures.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def engine() -> ModuleType:
     ExtraError
         If MuJoCo is not installed.
     OptionError
-        If the environment variable MUJOCO_GL is set to what MuJoCo does not know.
+        If the environment variable MUJOCO_GL has a value that is unknown to MuJoCo.
     """
     if "mujoco" not in sys.modules and sys.platform.startswith("linux"):
         os.environ.setdefault("MUJOCO_GL", drawing_backend())
@@ -53,7 +53,7 @@ def engine() -> ModuleType:
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings into a file in the working folder; instability is reported otherwise."""
+    """Keep MuJoCo from writing warnings to a file. Instability is reported otherwise."""
     mujoco = engine()
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
@@ -64,14 +64,14 @@ def without_log() -> Iterator[None]:
 
 
 def require_pictures() -> None:
-    """Make sure that pictures can be drawn."""
+    """Check that pictures can be drawn."""
     engine()
     if os.environ.get("MUJOCO_GL", "").lower() in (NO_PICTURES, "disable", "off", "false", "0"):
         raise no_pictures("neither EGL nor OSMesa works here")
 
 
 def no_pictures(reason: str) -> OptionError:
-    """Return the error that says why pictures cannot be drawn, and what to do."""
+    """Return the error with reason and advice where nothing can be drawn."""
     way_out = f"{INSTALL}, and leave MUJOCO_GL unset; the simulation itself needs none of it"
     if "MUJOCO_GL" not in os.environ and (works := drawing_backend()) != NO_PICTURES:
         reason += "; mujoco was imported before comove, and took another backend than works here"
@@ -81,7 +81,7 @@ def no_pictures(reason: str) -> OptionError:
 
 @cache
 def drawing_backend() -> str:
-    """Return the value for MUJOCO_GL where it is not set: egl, osmesa or disabled."""
+    """Return the default of MUJOCO_GL: egl, osmesa or disabled."""
     if _egl_works():
         return "egl"
     return "osmesa" if _loads("OSMesa") else NO_PICTURES
@@ -96,7 +96,7 @@ def _loads(library: str) -> ctypes.CDLL | None:
 
 
 def _egl_works() -> bool:
-    """Return whether EGL opens a display on one of its devices; a library without a driver does not."""
+    """Return whether EGL opens a display on any device. A library without a driver does not."""
     egl = _loads("EGL")
     if egl is None:
         return False
@@ -117,19 +117,19 @@ def _egl_works() -> bool:
 
 
 def hangs_on(model: Any, body: int, other: int) -> bool:
-    """Return whether a body is `other` or hangs on it in the kinematic tree."""
+    """Return whether a body is `other` or its descendant."""
     while body not in (0, other):
         body = int(model.body_parentid[body])
     return body == other
 
 
 def below(body: Any) -> list[Any]:
-    """Return a body of a specification and all that hang on it."""
+    """Return a body of a specification and all its descendants."""
     return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]
 
 
 def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: float) -> None:
-    """Add a servo of one joint, under the joint's name; its control is the reference position."""
+    """Add a servo of one joint, under the joint's name. Its control is the reference position."""
     mj = engine()
     servo = spec.add_actuator(name=joint, target=joint, trntype=mj.mjtTrn.mjTRN_JOINT)
     servo.gaintype, servo.biastype = mj.mjtGain.mjGAIN_FIXED, mj.mjtBias.mjBIAS_AFFINE

@@ -1,18 +1,19 @@
-"""Record of an executed joint motion: series, contacts, and whether the load was delivered.
+"""Record of an executed joint motion: series, contacts, delivery.
 
-The forces of the hands on the load are split into a part that moves it and an internal part. Hand i at p_i (from the
-load's origin) exerts the force f_i and the torque t_i. Together they give the load
+The forces of the end effectors on the payload are split into a part that moves it and an internal part. End effector
+i at p_i (from the payload's origin) exerts the force f_i and the torque t_i. Their resultants are
 
     F = sum f_i,    M = sum (t_i + p_i x f_i).
 
-What moves the load is shared out evenly by the non-squeezing pseudoinverse of the grasp matrix (Walker, Freeman and
-Marcus 1991, "Analyzing motion and internal loading of objects grasped by multiple cooperating manipulators"),
+The part that moves the payload is distributed evenly by the non-squeezing pseudoinverse of the grasp matrix (Walker,
+Freeman and Marcus 1991, "Analyzing motion and internal loading of objects grasped by multiple cooperating
+manipulators"),
 
     f_i = F / m,    t_i = (M - p_i x F) / m,
 
-and the rest is internal: it cancels out, moves nothing and only strains arms and load. For two hands the internal
-force is half the difference of their forces; its part along the line between them, the squeeze, is the force in the
-middle member of the virtual linkage (Williams and Khatib 1993).
+and the rest is internal: it cancels out, moves nothing and only strains arms and payload. For two end effectors the
+internal force is half the difference of their forces; its part along the line between them, the squeeze, is the
+force in the middle member of the virtual linkage (Williams and Khatib 1993).
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Contact:
-    """Two bodies that touched and should not have.
+    """Unwanted contact of two bodies.
 
     Attributes
     ----------
@@ -56,12 +57,12 @@ class Contact:
 
 @dataclass(frozen=True)
 class Conditions:
-    """The conditions under which a joint motion was executed.
+    """Conditions under which a joint motion was executed.
 
     Attributes
     ----------
     simulator : "mujoco" or "geometric"
-    grasp : model of the grasp by which the hands held the load
+    grasp : model of the grasp of the payload
     settings, perturbation : settings and perturbation of the simulation
     """
 
@@ -73,26 +74,26 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """A joint motion as it was executed.
+    """Executed joint motion.
 
-    Time 0 is the beginning of the motion; in the last samples the robot stands still at the end. Planned poses of the
-    load are those to which the planned hands carry it, in its pose relative to the hands at time 0.
+    Time 0 is the beginning of the motion; in the last samples the robot is at rest at the end. Planned poses of the
+    payload follow from the planned end effectors and the payload's pose relative to them at time 0.
 
     Attributes
     ----------
     robot, scene, motion : the joint motion, and the robot and the scene on which it was executed
     conditions : simulator, grasp, settings and perturbation
-    load : the load; None if there is none
+    load : the payload; None if there is none
     time : array, shape (n_steps,), times of the samples [s]
     joints : array, shape (n_steps, n_joints), measured joint positions [rad]
     torque : array, shape (n_steps, n_joints), torques of the motors [N m]
     hands : array, shape (n_steps, n_manipulators, 4, 4), measured grasp frames
-    load_pose : array, shape (n_steps, 4, 4), poses of the load; NaN without a load
-    wrench : array, shape (n_steps, n_holders, 6), force and torque on the load at the grasps [N, N m]
+    load_pose : array, shape (n_steps, 4, 4), poses of the payload; NaN without a payload
+    wrench : array, shape (n_steps, n_holders, 6), force and torque on the payload at the grasps [N, N m]
     fingers : array, shape (n_steps, n_fingers), positions of the fingers' joints [rad or m]
-    contacts : contacts of robot and load with obstacles and with each other
+    contacts : contacts of robot and payload with obstacles and with each other
     steps_per_second : steps computed per second
-    unstable : time at which the simulation broke down [s], None if it did not
+    unstable : time at which the simulation became unstable [s], None if it did not
     """
 
     __repr__ = brief
@@ -115,7 +116,7 @@ class Execution:
 
     @property
     def holders(self) -> list[int]:
-        """Return the numbers of the hands that hold the load."""
+        """Return the numbers of the end effectors that hold the payload."""
         return [] if self.load is None else list(self.load.holders)
 
     @cached_property
@@ -130,21 +131,20 @@ class Execution:
 
     @cached_property
     def held(self) -> Array:
-        """Return the load's pose in the frame of each holder; array, shape (n_steps, n_holders, 4, 4)."""
+        """Return the payload's pose in the frame of each holder. Array, shape (n_steps, n_holders, 4, 4)."""
         return np.linalg.inv(self.hands[:, self.holders]) @ self.load_pose[:, None]
 
     @cached_property
     def load_planned(self) -> Array:
-        """Return the planned poses of the load; array, shape (n_steps, 4, 4)."""
+        """Return the planned poses of the payload; array, shape (n_steps, 4, 4)."""
         if not np.isfinite(self.held[0]).all():  # it broke down before the motion began
             return np.full_like(self.load_pose, np.nan)
         return carried(self.hands_planned[:, self.holders], self.held[0])
 
     @cached_property
     def lag(self) -> Array:
-        """Return the largest distance of a grasp on the load, or of a hand without a load, from its plan [m];
-        (n_steps,).
-        """
+        """Return the largest deviation of a grasp from its plan [m]. Without a payload, it is that of an end
+        effector; array, shape (n_steps,)."""
         if self.load is None:
             apart = self.hands[..., :3, 3] - self.hands_planned[..., :3, 3]
         else:
@@ -155,28 +155,24 @@ class Execution:
 
     @cached_property
     def distance_error(self) -> Array:
-        """Return the distances of the holders less those of their grasps on the load [m]; array, shape (n_steps,
-        n_pairs).
-        """
+        """Return the distances of holders less those of their grasps [m]. Array, shape (n_steps, n_pairs)."""
         planned = distances(np.zeros((0, 3)) if self.load is None else self.load.grasps)
         return distances(self.hands[:, self.holders][..., :3, 3]) - planned
 
     @cached_property
     def slip(self) -> Array:
-        """Return the distance that each holder has slid on the load since time 0 [m]; array, shape (n_steps,
-        n_holders).
-        """
+        """Return each holder's slip since 0 s [m]; shape (n_steps, n_holders)."""
         in_load = np.linalg.inv(self.held)[..., :3, 3]
         return np.linalg.norm(in_load - in_load[:1], axis=-1)
 
     @cached_property
     def internal(self) -> Array:
-        """Return the wrenches that cancel out; array, shape (n_steps, n_holders, 6) [N, N m]."""
+        """Return the internal wrenches [N, N m]; array, shape (n_steps, n_holders, 6)."""
         return internal_wrenches(self.wrench, self._arms)
 
     @cached_property
     def squeeze(self) -> Array:
-        """Return the force between two hands along their line, positive where they press [N]; (n_steps, n_pairs)."""
+        """Return squeezes [N], positive where end effectors press; shape (n_steps, n_pairs)."""
         return squeezes(self.wrench, self._arms)
 
     @cached_property
@@ -185,21 +181,21 @@ class Execution:
 
     @property
     def start_error(self) -> float:
-        """Return the distance of the load from its planned start at time 0 [m]."""
+        """Return the payload's distance from its planned start at time 0 [m]."""
         return self._from_scene(0)
 
     @property
     def end_error(self) -> float:
-        """Return the distance of the load at the end from its plan, which starts at its pose at time 0 [m]."""
+        """Return the payload's final distance from its plan [m]. The plan starts at its pose at time 0."""
         return float(self.lag[-1])
 
     @property
     def goal_error(self) -> float:
-        """Return the distance of the load at the end from its planned goal, its start error included [m]."""
+        """Return the payload's final distance from its goal [m]. It includes the start error."""
         return self._from_scene(-1)
 
     def _from_scene(self, step: int) -> float:
-        """Return the largest distance of a grasp on the load from the planned hand [m]."""
+        """Return the largest distance of a grasp from its planned frame [m]."""
         if self.load is None:
             return float(self.lag[step])
         apart = (
@@ -210,7 +206,7 @@ class Execution:
 
     @cached_property
     def measures(self) -> dict[str, float | None]:
-        """Return the measures of the execution: metres, newtons, shares; None where there is nothing to measure."""
+        """Return the measures of the execution [m, N, shares]. They are None where there is nothing to measure."""
         return {
             "end_error": self.end_error,
             "goal_error": self.goal_error,
@@ -228,7 +224,7 @@ class Execution:
 
     @cached_property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons why the load was not delivered, in words; empty where it was."""
+        """Return the reasons why the payload was not delivered; empty if delivered."""
         limits, found = self.conditions.settings, []
         if self.unstable is not None:
             found.append(f"the simulation broke down at {self.unstable:.2f} s")
@@ -263,7 +259,7 @@ class Execution:
 
     @property
     def delivered(self) -> bool:
-        """Return whether the load arrived, held all the way, without touching anything."""
+        """Return whether the payload arrived without slip, contact or instability."""
         return not self.reasons
 
     def series(self) -> dict[str, NDArray[Any]]:
@@ -275,7 +271,7 @@ class Execution:
 
 
 def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
-    """Describe how far the load slid in a hand, in words; empty where it hardly did."""
+    """Describe excessive slip of an end effector; empty if there is none."""
     dropped = 0.03  # m, that a load has slid in a hand that has lost it
     if slip.max() > dropped:
         return [f"the load left the hand '{hand}' at {time[slip > dropped][0]:.2f} s"]
@@ -288,7 +284,7 @@ def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
 
 
 def distances(points: Array) -> Array:
-    """Return the distances between every two of some points; (..., n_points, 3) -> (..., n_pairs) [m]."""
+    """Return the pairwise distances of points [m]. The shapes are (..., n_points, 3) -> (..., n_pairs)."""
     first, second = np.triu_indices(points.shape[-2], 1)
     return np.linalg.norm(points[..., first, :] - points[..., second, :], axis=-1)
 
@@ -298,12 +294,13 @@ def _largest(series: Array) -> float | None:
 
 
 def internal_wrenches(wrenches: Array, points: Array) -> Array:
-    """Compute the part of the hands' wrenches that cancels out.
+    """Compute the internal part of the end effectors' wrenches.
 
     Parameters
     ----------
-    wrenches : array, shape (n_steps, n_hands, 6), force [N] and torque [N m] at the hand's grasp
-    points : array, shape (n_steps, n_hands, 3), positions of the grasps from the load's origin [m], in the same axes
+    wrenches : array, shape (n_steps, n_hands, 6), force [N] and torque [N m] at the end effector's grasp
+    points : array, shape (n_steps, n_hands, 3), positions of the grasps from the payload's origin [m], in the same
+        axes
 
     Returns
     -------
@@ -317,7 +314,9 @@ def internal_wrenches(wrenches: Array, points: Array) -> Array:
 
 
 def squeezes(wrenches: Array, points: Array) -> Array:
-    """Compute half the difference of two hands' forces along the line between them [N], positive where they press.
+    """Compute the internal forces along lines between end effectors [N].
+
+    Each is half the difference of two forces, positive where they press.
 
     Parameters
     ----------
@@ -334,10 +333,8 @@ def squeezes(wrenches: Array, points: Array) -> Array:
 
 
 def obstacle_time(time: Array, duration: float) -> Array:
-    """Return the times at which obstacles are seen in a simulation of a motion [s]: after its duration they stay.
-
-    Nothing is known of a payload that stands where they go on.
-    """
+    """Return the obstacles' times in a simulation [s]. Obstacles stay after the motion's duration, since later
+    contacts with a resting payload are not planned."""
     return np.minimum(time, duration)
 
 
@@ -350,10 +347,8 @@ def contacts_between(
     joints: Array,
     poses: Array,
 ) -> tuple[Contact, ...]:
-    """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands.
-
-    A payload that rests on a support touches it, up to `SETTLED` deep.
-    """
+    """Find the contacts of links, payload and obstacles. Contacts of the payload with the end effectors that hold it
+    are left out. A payload that rests on a support touches it, up to `SETTLED` deep."""
     geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
@@ -383,7 +378,7 @@ def contacts_between(
 
 
 def contacts_at(execution: Execution, stride: int = 1) -> tuple[Contact, ...]:
-    """Return the contacts of an execution by geometry alone, at every `stride`-th sample."""
+    """Return the contacts of an execution by geometry alone. Every `stride`-th sample is checked."""
     steps = slice(None, None, stride)
     return contacts_between(
         execution.robot,
@@ -397,9 +392,8 @@ def contacts_at(execution: Execution, stride: int = 1) -> tuple[Contact, ...]:
 
 
 def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:
-    """Build robot, obstacles and load with the pairs to be checked; returns also the names of all, and the numbers
-    of the load's parts.
-    """
+    """Build the geometry of robot, obstacles and payload with collision pairs. Return it with the names of all
+    bodies, and the numbers of the payload's parts."""
     geometry = robot.collision.copy()
     geometry.removeAllCollisionPairs()
     links = range(geometry.ngeoms)

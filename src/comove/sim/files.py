@@ -1,4 +1,4 @@
-"""Simulations in a result folder: `simulation.json` and `simulation.npz`, and pictures of them."""
+"""Simulations in a result folder: `simulation.json`, `simulation.npz` and pictures."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PLANNED = ("commanded", "hands_planned")  # series that follow from the motion
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
-    """Refuse a summary whose entries are not of their types."""
+    """Refuse a summary with entries of wrong types."""
     types = {"delivered": TRUTH, "reasons": TEXTS, "scene": TEXT, "robot": TEXT, "grasp": MAPPING}
     types["without_gripper"] = TEXTS.or_nothing
     for name in (
@@ -84,13 +84,11 @@ SIMULATION = ResultKind(
 
 
 def write_simulation(execution: Execution, folder: str | Path, *, seed: int | None = None) -> Summary:
-    """Write an execution into an existing folder, and return the summary.
-
-    Pictures of an earlier simulation are removed, since they show another one.
+    """Write an execution into an existing folder; return the summary. Pictures of an earlier simulation are removed.
 
     Parameters
     ----------
-    seed : seed from which the perturbation was drawn
+    seed : seed of the perturbation
 
     Raises
     ------
@@ -135,15 +133,15 @@ def _version(tool: str) -> str | None:
 def verify_simulation(
     summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, motion: JointMotion
 ) -> list[str]:
-    """List the reasons why a stored simulation is not that of a joint motion, in words.
+    """List the reasons why a stored simulation is not valid.
 
-    What the simulator found at samples is taken from the arrays; planned hands and the hands at the measured joints,
-    all that is derived from them, the verdict by the usual limits, and what touches at samples are computed anew.
+    Simulated samples are taken from the arrays. End effectors, planned and at the measured joints, all derived
+    quantities, the delivery by the usual limits, and contacts at samples are computed again.
 
     Parameters
     ----------
     summary, arrays : contents of simulation.json and simulation.npz
-    robot, scene, motion : what is said to have been simulated, verified anew
+    robot, scene, motion : the simulated joint motion, verified again
 
     Raises
     ------
@@ -169,7 +167,7 @@ def verify_simulation(
 
 
 def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, motion: JointMotion) -> Execution:
-    """Return the execution that arrays hold, by the usual settings."""
+    """Return the stored execution, with the usual settings."""
     said = summary["grasp"]
     try:
         grasp = GRASPS[said["kind"]](**{key: value for key, value in said.items() if key != "kind"})
@@ -210,7 +208,7 @@ def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, moti
 
 
 def _impossible(execution: Execution, arrays: Arrays) -> list[str]:
-    """List what no simulation of the motion could have found, in words."""
+    """List the values that no simulation of the motion can have."""
     motion, time = execution.motion, execution.time
     reasons, period = [], float(time[1] - time[0])
     if not (time[0] == 0.0 and np.abs(np.diff(time) - period).max() <= FITS and period > 0):
@@ -236,7 +234,7 @@ def _impossible(execution: Execution, arrays: Arrays) -> list[str]:
 
 
 def _untold(execution: Execution) -> list[str]:
-    """List the bodies that are inside each other at samples, of which no contact tells, in words."""
+    """List the penetrations at samples that the contacts do not contain."""
     if execution.contacts:  # it was not delivered then
         return []
     found = contacts_at(execution, stride=max(1, len(execution.time) // LOOKS))
@@ -250,7 +248,7 @@ def _untold(execution: Execution) -> list[str]:
 
 
 def _misstated(summary: Summary, execution: Execution) -> list[str]:
-    """List what the summary says otherwise than the series, in words."""
+    """List the differences of the summary from the series."""
     reasons = SIMULATION.differences(summary, execution.measures)
     if summary["delivered"] is not execution.delivered and summary["delivered"]:
         reasons += [f"{SIMULATION.summary} says delivered: {reason}" for reason in execution.reasons]

@@ -1,8 +1,8 @@
-"""Models of how the hands hold the load in a simulation: rigidly, by a joint, or by fingers and friction.
+"""Models of the grasp in a simulation: rigid, jointed, or frictional.
 
-Every hand has a site, its grasp frame, and the load has a site for each hand. Their relative poses are known only
-when the hands stand at the load, so a grasp is closed at run time: the load's sites are moved to the hands, and the
-constraints between both are activated.
+Every end effector has a site, its grasp frame, and the payload has a site for each end effector. Their relative
+poses are known only when the end effectors are at the payload, so a grasp is closed at run time: the payload's sites
+are moved to the end effectors, and the constraints between both are activated.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second: str) -> None:
-    """Add a constraint between two things, inactive at first.
+    """Add a constraint between two objects, inactive at first.
 
     Parameters
     ----------
-    kind, of : kind of the constraint and of the two things, by MuJoCo's names without prefix
+    kind, of : kind of the constraint and of the two objects, by MuJoCo's names without prefix
     """
     mj = engine()
     equality = spec.add_equality(
@@ -43,75 +43,73 @@ def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second:
 
 
 class GraspModel(ABC):
-    """A model of how hands hold a load in a simulation.
+    """Model of the grasp of a payload in a simulation.
 
     Attributes
     ----------
-    touching : whether hands and load are in contact; otherwise they pass through each other
+    touching : whether end effectors and payload are in contact; otherwise they pass through each other
     """
 
     touching: ClassVar[bool] = False
 
     def section(self, radius: float) -> tuple[float, float] | None:
-        """Return width and height of the box that stands for a bar of some radius [m], None where the bar is
-        round.
-        """
+        """Return width and height of a bar's box [m]. Return None where the bar is round."""
         return None
 
     def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
-        """Return the names of the joints that the grasp moves besides the arms'."""
+        """Return the names of further joints that the grasp moves."""
         return ()
 
     @abstractmethod
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
-        """Add what the grasp needs to the world; `friction` is a factor on its coefficient of friction."""
+        """Add the parts of the grasp to the world. `friction` is a factor on its coefficient of friction."""
 
     @abstractmethod
     def close(self, world: SimulatedWorld, data: Any) -> None:
-        """Take hold of the load while the hands stand at it."""
+        """Grasp the payload with the end effectors at it."""
 
 
 class _Fixed(GraspModel):
-    """A grasp by a constraint between hand and load, the base of welds and links."""
+    """Grasp by a constraint; base of welds and links."""
 
     kind: ClassVar[str]
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
-        """Add a constraint, inactive at first, between each hand's site and the load's site for it."""
+        """Add an inactive constraint between each pair of grasp sites."""
         for arm in arms:
             add_constraint(
                 spec, f"grasp {arm.name}", self.kind, "SITE", f"hand {arm.name}", f"held {arm.name}"
             )
 
     def close(self, world: SimulatedWorld, data: Any) -> None:
-        """Activate the constraints, at the present poses of the hands."""
+        """Activate the constraints, at the present poses of the end effectors."""
         for holder in world.holders:
             data.eq_active[world.model.equality(f"grasp {holder.name}").id] = 1
 
 
 @dataclass(frozen=True)
 class Weld(_Fixed):
-    """A grasp that fixes position and orientation of the load to the hand, as one body."""
+    """Grasp that fixes the payload's position and orientation."""
 
     kind: ClassVar[str] = "WELD"
 
 
 @dataclass(frozen=True)
 class Connect(_Fixed):
-    """A grasp that fixes one common point of hand and load, about which they may turn."""
+    """Grasp that fixes a common point, about which both may rotate."""
 
     kind: ClassVar[str] = "CONNECT"
 
 
 @dataclass(frozen=True)
 class Friction(GraspModel):
-    """A grasp in which fingers close on the load before the motion begins, and only friction holds it from then on.
+    """Grasp by fingers that close on the payload and hold by friction.
 
     Attributes
     ----------
-    coefficient : coefficient of sliding friction between fingers and load
-    force : force of each finger [N]; None takes the effort limit of the URDF
-    size : width (between the fingers) and height of a bar [m]; None takes 5/3 and 2 times its radius: fingers
+    coefficient : coefficient of sliding friction between fingers and payload
+    force : force of each finger [N]; by default the effort limit of the URDF
+    size : width (between the fingers) and height of a bar [m]; by default 5/3 and 2 times its radius: fingers
         need sides to hold it by
     """
 
@@ -126,7 +124,7 @@ class Friction(GraspModel):
         require_finite("size", *(self.size or ()), positive=True)
 
     def section(self, radius: float) -> tuple[float, float] | None:
-        """Return width and height of a bar, which the fingers hold by its sides [m]."""
+        """Return width and height of a bar, grasped by its sides [m]."""
         return self.size or (5 / 3 * max(radius, THINNEST), 2 * max(radius, THINNEST))
 
     def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
@@ -147,9 +145,7 @@ class Friction(GraspModel):
         return tuple(finger for arm in arms for finger in arm.fingers)
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
-        """Add servos of the fingers, couplings that keep the load in their middle, and the friction of their
-        surfaces.
-        """
+        """Add finger servos, couplings that centre the payload, and friction."""
         spin = (0.005, 0.0001)  # friction against spinning and rolling [m]
         add_constraint(spec, "still", "WELD", "BODY", "world", THE_LOAD)
         for finger in self.moving(arms):
@@ -163,7 +159,6 @@ class Friction(GraspModel):
                 add_constraint(spec, f"couple {finger}", "JOINT", "JOINT", finger, arm.fingers[0])
 
     def _drive(self, spec: Any, finger: str) -> None:
-        """Add the servo of a finger."""
         give = 0.001  # m, behind the surface, at which it has its whole force
         response = 0.004  # s, of its motor behind a gear: a finger alone would leap at a load that it lost
         joint = spec.joint(finger)
@@ -180,12 +175,12 @@ class Friction(GraspModel):
         add_servo(spec, finger, stiffness, 2 * stiffness * response, force)
 
     def close(self, world: SimulatedWorld, data: Any) -> None:
-        """Open the fingers, hold the load still, close them, and release the load to their friction.
+        """Close the fingers on the fixed payload, then release the payload.
 
         Raises
         ------
         RobotError
-            If the load is wider than a hand opens.
+            If the payload is wider than a gripper opens.
         """
         closing = 0.5  # s, in which fingers close, and in which they then grip
         beyond = 0.005  # m, behind its limit, to which a finger is sent
@@ -222,7 +217,7 @@ GRASPS: dict[str, type[Weld] | type[Connect] | type[Friction]] = {
 
 
 def _couple(world: SimulatedWorld, data: Any, travel: dict[str, tuple[float, float]]) -> None:
-    """Couple all fingers of a hand, so that they close by the same share of their travel, from open to closed."""
+    """Couple the fingers of a gripper to equal shares of travel. The travel goes from open to closed."""
     for first, *others in (holder.fingers for holder in world.holders):
         begin, end = travel[first]
         for finger in others:
@@ -234,7 +229,7 @@ def _couple(world: SimulatedWorld, data: Any, travel: dict[str, tuple[float, flo
 
 
 def _require_room(world: SimulatedWorld, data: Any) -> None:
-    """Refuse a load that reaches into open hands."""
+    """Refuse a payload that overlaps with open grippers."""
     overlap = 0.001  # m, by which it may
     for pair, distance in zip(data.contact.geom, data.contact.dist, strict=True):
         hand = world.hand_of_geom[pair].max()
@@ -247,7 +242,8 @@ def _require_room(world: SimulatedWorld, data: Any) -> None:
 
 
 def _inward(world: SimulatedWorld, data: Any, finger: str) -> float:
-    """Return the direction, 1 or -1, in which a joint brings its finger nearer to its hand's line of approach."""
+    """Return the closing direction of a finger's joint, 1 or -1. The finger then moves towards the line of
+    approach."""
     mj, model = engine(), world.model
     joint = model.joint(finger)
     site = next(holder.site for holder in world.holders if finger in holder.fingers)

@@ -1,4 +1,4 @@
-"""Online runs in MuJoCo: servos follow commands that are computed step by step from the joints that are measured."""
+"""Online runs in MuJoCo: servos track step-by-step commands from measured joints."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from comove.sim.world import SimulatedWorld, move_obstacles
 
 
 def steps_of(period: float) -> int:
-    """Return the number of the simulation's steps in a control period [s].
+    """Return the number of simulation steps in a control period [s].
 
     Raises
     ------
@@ -47,16 +47,16 @@ def run_live(
     grasp: GraspModel | None = None,
     perturbation: Perturbation | None = None,
 ) -> OnlineRecord:
-    """Run a robot in MuJoCo until the load has arrived, or for `budget` [s] of simulated time.
+    """Run a robot in MuJoCo until its payload arrives.
 
-    The executor gets the joints as they are at every control step; servos get its commands, and in between what lies
-    between two commands. Obstacles are where the executor's observer knows that they truly are. The clock of the
-    simulation waits while a plan is looked for: by then the robot stands.
+    The run lasts `budget` [s] of simulated time at most. The executor gets the measured joints at every control
+    step; the servos get its commands, interpolated between control steps. Obstacles are at the true positions of the
+    executor's observer. Simulated time pauses while a plan is computed: by then the robot is at rest.
 
     Parameters
     ----------
-    grasp : model of how the hands hold the load; `Weld()` unless given
-    perturbation : deviations from the plan; none unless given. A push is not given here
+    grasp : model of the grasp of the payload; `Weld()` unless given
+    perturbation : deviations from the plan; none unless given. A push is not applied here
 
     Raises
     ------
@@ -65,7 +65,7 @@ def run_live(
     OptionError
         If the control period is not a multiple of the simulation's step.
     RobotError, SceneError
-        If the robot cannot hold the load by this grasp.
+        If the robot cannot hold the payload by this grasp.
     """
     grasp, perturbation = grasp or Weld(), perturbation or PLAN
     every = steps_of(executor.settings.period)
@@ -123,7 +123,7 @@ def _run(
 
 
 def _command(executor: JointExecutor, measured: Array) -> Array:
-    """Return the next command, of a robot that was driven off, too."""
+    """Return the next command, also of a displaced robot."""
     if not executor.driven_off:
         try:
             return executor.step(measured)

@@ -1,13 +1,13 @@
-"""The record of an online run of a robot, and its check from commands, measurements and true obstacles.
+"""Record of a robot's online run, and its verification.
 
 =================== ==============================================================================================
-what                how it is known
+quantity            computed from
 =================== ==============================================================================================
-hands on the load   commanded joints by Pinocchio against the load as it was commanded, at every step
+grasps              commanded joints by Pinocchio against the payload as it was commanded, at every step
 joints              ranges, speeds and accelerations of the commands, at every step
 clearance           distances of the exact bodies by coal, at commanded *and* at measured joints, at every `stride`-th
                     step: sampled, not certified in between
-contacts            the simulator's, at every step of its own
+contacts            the simulator's, at every simulation step
 =================== ==============================================================================================
 """
 
@@ -44,13 +44,13 @@ MET = (
 
 @dataclass(frozen=True)
 class RunTolerances:
-    """Limits by which an online run is judged.
+    """Limits for the verification of an online run.
 
     Attributes
     ----------
-    hold_error : of commanded hands on the load, which commands keep to rounding [m; a radian counts 1]
-    squeezed : by which hands may change their distance in the simulator, whose servos give way [m]
-    end_error : of the load at its goal in the simulator [m]
+    hold_error : of commanded end effectors on the payload, which commands keep to rounding [m; a radian counts 1]
+    squeezed : of the distance change of end effectors in the simulator, with its compliant servos [m]
+    end_error : of the payload at its goal in the simulator [m]
     """
 
     hold_error: float = 1e-6
@@ -60,22 +60,22 @@ class RunTolerances:
 
 @dataclass(eq=False)
 class OnlineRecord:
-    """The record of a run, step by step.
+    """Record of a run, step by step.
 
     Attributes
     ----------
-    scene, robot : what was run
+    scene, robot : the scene and the robot
     time : times of the samples, after each control step [s]
     commanded, measured : joints, arrays of shape (n_joints,) [rad]
-    nodes : hands and corners of the load as commanded, arrays of shape (n_nodes, 3) [m]
-    load : poses of the load in the simulator, arrays of shape (4, 4)
-    driven_off : whether the robot gave way to what had driven it off; commands hold nothing then
-    obstacles : true places of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]; they turn as the scene
-        says
+    nodes : end effectors and corners of the payload as commanded, arrays of shape (n_nodes, 3) [m]
+    load : poses of the payload in the simulator, arrays of shape (4, 4)
+    driven_off : whether the robot yielded to an external displacement; commands hold nothing then
+    obstacles : true positions of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]; their orientations are
+        those of the scene
     period : control period [s]
-    contacts : what touched and should not have
+    contacts : unwanted contacts
     arrived, unstable, interrupted : how it ended
-    given_up : why the executor gave it up, in words; empty where it did not
+    given_up : reason why the executor gave up; empty if it did not
     """
 
     __repr__ = brief
@@ -103,7 +103,7 @@ class OnlineRecord:
         return JointMotion(np.array([0.0, *self.time]), self.robot.joint_names, position)
 
     def add(self, executor: JointExecutor, measured: Array, load: Array) -> None:
-        """Add what is after a control step."""
+        """Add the state after a control step."""
         from comove.control.safety.twists import nodes_of  # those who verify a record need none
 
         self.time.append(executor.time)
@@ -117,24 +117,24 @@ class OnlineRecord:
 
 @dataclass(frozen=True)
 class OnlineReport:
-    """Measures of a run, and reasons why it is not as it should be.
+    """Measures of a run, and reasons against it.
 
     Attributes
     ----------
-    hold_error_max : largest error of a commanded hand on the load, but while the robot is driven off [m; a radian
-        counts 1]
-    distance_error_max : largest change of two hands' distance in the simulator [m]
+    hold_error_max : largest error of a commanded end effector on the payload, except while the robot is displaced [m;
+        a radian counts 1]
+    distance_error_max : largest change of two end effectors' distance in the simulator [m]
     velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit that commands use, likewise
     joint_margin_min : least distance of commanded joints from their limits [rad]
-    clearance_scene, clearance_load, clearance_self : least sampled distances of links from obstacles, from the load,
-        and of each other [m]
-    clearance_carried : least sampled distance of the load from obstacles [m]
-    nearest : names of what came nearest to an obstacle
+    clearance_scene, clearance_load, clearance_self : least sampled distances of links from obstacles, from the
+        payload, and of each other [m]
+    clearance_carried : least sampled distance of the payload from obstacles [m]
+    nearest : names of the bodies at the least distance from an obstacle
     lag_max : largest difference of measured and commanded joints [rad]
-    end_error : distance of the load from its goal in the simulator [m]
-    duration_s : how long it took [s]
+    end_error : distance of the payload from its goal in the simulator [m]
+    duration_s : duration of the run [s]
     without_gripper : names of the arms whose description has no gripper
-    reasons : reasons against the run, in words; none where all is well
+    reasons : reasons against the run; none if it is valid
     """
 
     hold_error_max: float
@@ -157,12 +157,12 @@ class OnlineReport:
 def judge_run(
     record: OnlineRecord, *, stride: int = 5, limits: RunTolerances = RunTolerances()
 ) -> OnlineReport:
-    """Measure a run, and say what is wrong with it.
+    """Verify a run from its measures.
 
     Parameters
     ----------
-    stride : steps of which one is looked at for clearances, and four times as many for those of links of each other
-    limits : by which it is judged
+    stride : steps between samples of clearances; four times as many between those of links from each other
+    limits : limits of the measures
     """
     commanded, measured = np.array(record.commanded), np.array(record.measured)
     hands = hand_poses(record.robot, record.scene, commanded)
@@ -216,7 +216,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
 
 
 def _hold_error(record: OnlineRecord, hands: Array) -> float:
-    """Return the largest error of the commanded hands on the load [m, rad]."""
+    """Return the largest commanded grasp error on the payload [m, rad]."""
     held = ~np.array(record.driven_off)
     if not held.any():
         return 0.0
@@ -229,13 +229,14 @@ def _hold_error(record: OnlineRecord, hands: Array) -> float:
 
 
 def _distance_errors(hands: Array) -> float:
-    """Return the largest change of the distance of two hands [m]; hands, array of shape (n_steps, n_hands, 4, 4)."""
+    """Return the largest change of two end effectors' distance [m]. `hands` is an array of shape (n_steps, n_hands,
+    4, 4)."""
     apart = distances(hands[..., :3, 3])
     return float(np.abs(apart - apart[0]).max(initial=0.0))
 
 
 def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float]:
-    """Return the largest shares of speed and acceleration limits, and the least margin of the joints [rad]."""
+    """Return the largest joint-limit shares, and the least margin [rad]."""
     robot, rates = record.robot, np.diff(commanded, axis=0) / record.period
     bends, off = np.diff(rates, axis=0) / record.period, np.array(record.driven_off)
     went = off[1:] | off[:-1]  # where it was, not where it was commanded to
@@ -251,7 +252,7 @@ def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float
 
 
 def _end_error(record: OnlineRecord, load: Load | None) -> float:
-    """Return the distance of the load in the simulator from its goal [m]."""
+    """Return the distance of the simulated payload from its goal [m]."""
     if load is None:
         return 0.0
     goal = record.scene.nodes_at("goal")[list(load.holders)]
@@ -261,9 +262,8 @@ def _end_error(record: OnlineRecord, load: Load | None) -> float:
 def _clearances(
     record: OnlineRecord, load: Load | None, joints: tuple[Array, Array], stride: int
 ) -> tuple[dict[str, float], str]:
-    """Return the least distances at every `stride`-th step, for commanded and for measured joints, by the names of
-    `OnlineReport`, and the names of what came nearest to an obstacle.
-    """
+    """Return the least distances by name, and the nearest bodies. Every `stride`-th step counts, with commanded and
+    with measured joints; names are those of `OnlineReport`."""
     robot = record.robot
     geometry, names, parts = work_geometry(robot, record.scene, load)
     data, placed, own = robot.model.createData(), geometry.createData(), robot.collision.createData()
@@ -299,7 +299,7 @@ def _clearances(
 
 
 def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the load's poses as commanded and as in the simulator; arrays, shape (n_steps, 4, 4)."""
+    """Return the payload's poses as commanded and as simulated. Arrays, shape (n_steps, 4, 4)."""
     simulated = np.array(record.load)
     if load is None:
         return simulated, simulated

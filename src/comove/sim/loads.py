@@ -1,8 +1,5 @@
-"""Loads as bodies of simple shapes in a frame of their own, and the poses to which hands carry that frame.
-
-The frame's origin is the mean of the holders' positions; x points from the second holder to the first, and z is as
-upright as possible.
-"""
+"""Payloads as bodies of simple shapes, and their poses. The origin of a payload's frame is the mean of the holders'
+positions; x points from the second holder to the first, and z is as upright as possible."""
 
 from __future__ import annotations
 
@@ -32,13 +29,13 @@ SETTLED = 1e-3  # m, by which a payload may be in its support: servos give way, 
 
 @dataclass(frozen=True, eq=False)
 class LoadPart:
-    """A piece of a load: a box, a capsule along its z axis, or the hull of points.
+    """Part of a payload: box, capsule along z, or hull of points.
 
     Attributes
     ----------
     kind : "box", "capsule" or "hull"
-    position : array, shape (3,), centre in the load's frame [m]
-    rotation : array, shape (3, 3), orientation in the load's frame
+    position : array, shape (3,), centre in the payload's frame [m]
+    rotation : array, shape (3, 3), orientation in the payload's frame
     size : half edges of a box; radius and half the length between the centres of a capsule's caps [m]
     points : array, shape (n, 3), of a hull, about its centre [m]
     """
@@ -51,12 +48,12 @@ class LoadPart:
 
     @property
     def placement(self) -> Any:
-        """Return its place in the load's frame, as Pinocchio's SE3."""
+        """Return the pose in the payload's frame, as Pinocchio's SE3."""
         return pin.SE3(self.rotation, self.position)
 
     @property
     def shape(self) -> Any:
-        """Return the piece as a shape of coal."""
+        """Return the part as a shape of coal."""
         if self.kind == "box":
             return coal.Box(*(2 * x for x in self.size))
         return (
@@ -76,14 +73,14 @@ class LoadPart:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A load as a rigid body: its pieces, mass and grasps.
+    """Payload as a rigid body: its parts, mass and grasps.
 
     Attributes
     ----------
-    holders : numbers, in the scene, of the hands that hold it
+    holders : numbers, in the scene, of the end effectors that hold it
     grasps : array, shape (n_holders, 3), positions of the grasps in its frame [m]
     pose : array, shape (4, 4), pose at the start
-    parts : pieces of the load
+    parts : parts of the payload
     mass : mass [kg]
     """
 
@@ -98,17 +95,17 @@ Section = Callable[[float], tuple[float, float] | None]
 
 
 def _round(radius: float) -> None:
-    """Return None: bars are round."""
+    """Return None, as bars are round."""
 
 
 def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | None:
-    """Build the scene's load, None where it has none.
+    """Build the scene's payload; None where it has none.
 
     Parameters
     ----------
     hands : array, shape (n_manipulators, 4, 4), grasp frames at the start
     section : function that returns width and height [m] of a bar by its radius, None where it is round; if it returns
-        a size, boxes get lugs where hands stand off them
+        a size, boxes get lugs at grasps away from them
     """
     load = scene.file.load
     if load is None:
@@ -125,7 +122,7 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
 
 
 def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
-    """Yield the pieces of the scene's body, whose nodes are given in the load's frame."""
+    """Yield the parts of the scene's body. `nodes` are those of the body in the payload's frame."""
     lug = 0.012  # m, radius of a bar as thick as a box's lugs
     body = scene.body
     for (a, b), radius in zip(body.edges, body.radii, strict=True):
@@ -154,9 +151,7 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
 
 
 def _lug(box: LoadPart, grasp: Array, sides: tuple[float, float]) -> LoadPart | None:
-    """Return the lug by which fingers hold a box where its hand stands off it; None where the hand is at the box
-    itself.
-    """
+    """Return the lug by which fingers hold a box. Return None where the grasp is at the box itself."""
     beyond = 0.015  # m, by which it reaches past the hand
     inside = (grasp - box.position) @ box.rotation
     nearest = np.clip(inside, -np.array(box.size), box.size)
@@ -176,17 +171,18 @@ def _rod(a: Array, b: Array, radius: float) -> LoadPart:
 
 
 def _frame(points: Array) -> Array:
-    """Compute the axes of a load held at `points`, array of shape (n_holders, 3); array, shape (3, 3)."""
+    """Compute the axes of a payload's frame; array, shape (3, 3). `points` are the grasps, array of shape
+    (n_holders, 3)."""
     x = points[0] - points[1] if len(points) > 1 else np.array([1.0, 0.0, 0.0])
     return facing(x / np.linalg.norm(x))
 
 
 def require_fit(motion: JointMotion, robot: Robot, scene: Scene, *, near: float = 0.01) -> None:
-    """Refuse a planar scene, a motion of other joints than the robot's, and a scene with another start.
+    """Check that motion, robot and spatial scene match.
 
     Parameters
     ----------
-    near : distance of the motion's first hands from the scene's start that passes [m]
+    near : allowed distance of the motion's first end effectors from the scene's start [m]
 
     Raises
     ------
@@ -214,19 +210,20 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene, *, near: float 
 
 
 def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
-    """Compute grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
+    """Compute grasp frames of the scene's manipulators. Array, shape (n_steps, n_manipulators, 4, 4)."""
     return robot.tool_poses(joints, [robot.arm(name) for name in scene.manipulators])
 
 
 def carried(hands: Array, held: Array) -> Array:
-    """Compute poses of a load that hands carry; array, shape (n_steps, 4, 4).
+    """Compute poses of a grasped payload; array, shape (n_steps, 4, 4).
 
-    Each hand gives a pose of the load; the result is their mean, for rotations the polar factor of the mean.
+    Each end effector gives a pose of the payload; the result is their mean, for rotations the polar factor of the
+    mean.
 
     Parameters
     ----------
     hands : array, shape (n_steps, n_holders, 4, 4), their grasp frames
-    held : array, shape (n_holders, 4, 4), the load's pose in each of these frames
+    held : array, shape (n_holders, 4, 4), the payload's pose in each of these frames
     """
     said = (hands @ held).mean(axis=1)
     left, _, right = np.linalg.svd(said[:, :3, :3])
@@ -236,22 +233,21 @@ def carried(hands: Array, held: Array) -> Array:
 
 
 def points_of(poses: Array, points: Array) -> Array:
-    """Compute world positions of points of a body; (..., 4, 4) and (n_points, 3) -> (..., n_points, 3) [m]."""
+    """Compute world positions of points of a body [m]. The shapes are (..., 4, 4) and (n_points, 3) -> (...,
+    n_points, 3)."""
     return poses[..., None, :3, 3] + np.einsum("...ij,nj->...ni", poses[..., :3, :3], points)
 
 
 def are_poses(poses: Array) -> bool:
-    """Return whether all matrices, shape (n_steps, 4, 4), turn rigidly, to 1e-6."""
+    """Return whether all matrices, shape (n_steps, 4, 4), have rotations, to 1e-6."""
     turn = poses[:, :3, :3]
     off = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max()
     return bool(off <= 1e-6 and np.linalg.det(turn).min() > 0)
 
 
 def supports_under(scene: Scene, load: Load | None, pose: Array) -> set[str]:
-    """Return the names of the supports on which a payload in some pose, array of shape (4, 4), may rest.
-
-    It may within the displacement from start or goal for which the scene requires less than the full clearance.
-    """
+    """Return the supports on which a payload may rest. `pose` is that of the payload, array of shape (4, 4). It may
+    rest within the displacement from start or goal for which the scene requires less than the full clearance."""
     if load is None or not scene.rests:
         return set()
     grasps, holders = points_of(pose[None], load.grasps)[0], list(load.holders)

@@ -1,8 +1,8 @@
-"""Meshes as MuJoCo reads them: OBJ files, converted once and kept in the user's cache.
+"""OBJ meshes for MuJoCo, converted once into the user's cache.
 
 An entry is named after the SHA-256 of its source and of the code that converts it, and ends with the SHA-256 of its
-own contents, so a truncated or damaged entry is detected and made anew. It is written as a whole: two processes at
-once, or one that is killed, leave whole entries only.
+own contents, so a truncated or damaged entry is detected and made again. It is written atomically: two processes at
+once, or a killed one, leave complete entries only.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 @cache
 def made_by() -> bytes:
-    """Return a checksum of the code that converts meshes: what another comove made may not be the same."""
+    """Return a checksum of the conversion code. Other versions of comove may convert differently."""
     files = [name.rpartition(".") for name in (*MAKERS, *READERS)]
     sources = [get_data(package, f"{module}.py") or b"" for package, _, module in files]
     return hashlib.sha256(b"".join(sources)).digest()
 
 
 def cache_folder() -> Path:
-    """Return the folder of converted meshes: $XDG_CACHE_HOME/comove/meshes, else ~/.cache/comove/meshes."""
+    """Return the folder of converted meshes. It is $XDG_CACHE_HOME/comove/meshes, else ~/.cache/comove/meshes."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "comove" / "meshes"
 
@@ -65,14 +65,14 @@ def as_obj(mesh: Path) -> Path:
 
 
 def convex_parts_of(mesh: Path, scale: tuple[float, float, float], moves: bool) -> list[Path]:
-    """Convert a mesh to one OBJ file, in metres, for each of the convex bodies whose union holds its surface.
+    """Convert a mesh to OBJ files of convex bodies that contain it.
 
-    MuJoCo takes the hull of a mesh, which fills what is hollow: the elbow of a link, the space below a table.
+    MuJoCo uses the hull of a mesh, which fills hollows: the elbow of a link, the space below a table.
 
     Parameters
     ----------
-    scale : what coordinates are multiplied by
-    moves : whether the link moves; the larger bodies of those that do not are cut finer
+    scale : factors of the coordinates, to metres
+    moves : whether the link moves; the larger bodies of fixed links are cut finer
     """
 
     def hulls(data: bytes) -> list[tuple[bytes, Colour | None]]:
@@ -84,16 +84,15 @@ def convex_parts_of(mesh: Path, scale: tuple[float, float, float], moves: bool) 
 
 
 def coloured_parts(mesh: Path) -> list[Part]:
-    """Convert a mesh to one OBJ file for each colour; returns them with their colours (red, green, blue, alpha), None
-    without one.
-    """
+    """Convert a mesh to one OBJ file for each colour. Return them with their colours (red, green, blue, alpha), None
+    without one."""
     return _cached(mesh, "coloured", lambda data: _by_colour(mesh, data))
 
 
 def _cached(
     mesh: Path, what: str, convert: Callable[[bytes], list[tuple[bytes, Colour | None]]]
 ) -> list[Part]:
-    """Return what a conversion makes of a mesh, from the cache where it is there."""
+    """Return a mesh's conversion, from the cache if present."""
     data, suffix = _bytes_of(mesh), mesh.suffix.lower()
     key = hashlib.sha256(b"|".join([made_by(), what.encode(), suffix.encode(), data])).hexdigest()
     folder = cache_folder()
@@ -119,7 +118,7 @@ def _cached(
 
 
 def _bytes_of(mesh: Path) -> bytes:
-    """Read a file, at most one byte more than the largest allowed size."""
+    """Read a file, up to one byte beyond the size limit."""
     try:
         with open(mesh, "rb") as file:
             return file.read(MAX_BYTES + 1)
@@ -130,7 +129,7 @@ def _bytes_of(mesh: Path) -> bytes:
 
 
 def _read_parts(folder: Path, key: str) -> list[Part] | None:
-    """Read the parts of a mesh from the cache; None where an entry is missing or damaged."""
+    """Read the cached parts of a mesh; None if missing or damaged."""
     index = _read_whole(folder / f"{key}.json")
     if index is None:
         return None
@@ -148,7 +147,7 @@ def _triangles(mesh: Path, data: bytes) -> Triangles:
 
 
 def _by_colour(mesh: Path, data: bytes) -> list[tuple[bytes, Colour | None]]:
-    """Convert the mesh's pieces to OBJ, vertices and triangles alone, with their colours."""
+    """Convert the mesh's pieces to OBJ by colour, without materials."""
     whole = _triangles(mesh, data)
     if data.count(b"usemtl") > MAX_CHANGES:  # which take trimesh quadratic time
         return [(_obj([whole]), None)]
@@ -160,7 +159,7 @@ def _by_colour(mesh: Path, data: bytes) -> list[tuple[bytes, Colour | None]]:
 
 @dataclass(frozen=True)
 class _Beside:
-    """Resolver that lends trimesh the material files beside a mesh, and no pictures."""
+    """Resolver that gives trimesh the material files beside a mesh."""
 
     folder: Path
 
@@ -210,7 +209,7 @@ def _colour(piece: Any) -> Colour | None:
 
 
 def _obj(pieces: list[Triangles]) -> bytes:
-    """Write vertices and triangles of pieces as one OBJ; vertices at one place become one."""
+    """Write pieces as one OBJ, with coincident vertices merged."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
     corners = np.concatenate([vertices for vertices, _ in pieces])
     faces = np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)])

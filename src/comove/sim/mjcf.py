@@ -1,13 +1,13 @@
-"""MuJoCo's own model files (MJCF) as URDFs, from which robots are described.
+"""Conversion of MuJoCo models (MJCF) to URDFs of robots.
 
-The model is compiled by MuJoCo, so that defaults, included files and scaled meshes are as MuJoCo has them, and then
-written body by body. A URDF's link stands in its joint's frame: for a body whose joints are elsewhere, or several,
-there are links without bodies between. Floor and furniture become obstacles of a scene, and what moves freely a
-payload (`comove.sim.mjcf_surroundings`). A robot that moves freely stands where it begins.
+The model is compiled by MuJoCo, so that defaults, included files and scaled meshes are as in MuJoCo, and then
+written body by body. A URDF's link has its joint's frame: for a body whose joints are elsewhere, or several, there
+are links without bodies between. Floor and furniture become obstacles of a scene, and freely moving bodies payloads
+(`comove.sim.mjcf_surroundings`). A robot with a free base is fixed at its initial pose.
 
 Every joint has an effort and a velocity, without which other readers refuse a URDF. Where the model limits neither,
 they are guesses, which the attribute ``comove:guessed`` of the limit names. ``comove:springs`` of a joint is the
-share of its weight that the model takes off its motor (``gravcomp``). Readers that do not know these pass them over.
+share of its weight that the model takes off its motor (``gravcomp``). Other readers ignore these attributes.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ KNOWN = ("BOX", "SPHERE", "CYLINDER", "CAPSULE", "MESH")
 
 @dataclass(frozen=True)
 class Converted:
-    """A model as files.
+    """Converted model as files.
 
     Attributes
     ----------
     name : name of the model
     urdf, srdf : texts; the SRDF names the pairs of links that the model excludes, None where it excludes none
-    obstacles : text of the obstacles that stand around the robot, for scenes; None where nothing does
-    meshes : binary STL by file name, which these look for in the folder `MESHES` beside them
-    notes : what was guessed, left out, or is no part of the robot, in words
+    obstacles : text of the static obstacles around the robot, for scenes; None without any
+    meshes : binary STL by file name, expected in the folder `MESHES` beside the URDF
+    notes : notes on guesses, omissions, and bodies that are no part of the robot
     """
 
     name: str
@@ -82,7 +82,7 @@ class Converted:
 
 
 def urdf_of(file: Path) -> Converted:
-    """Convert a model of MuJoCo's to a URDF.
+    """Convert a MuJoCo model to a URDF.
 
     Raises
     ------
@@ -95,12 +95,12 @@ def urdf_of(file: Path) -> Converted:
 
 
 def obstacles_in(file: Path) -> list[dict[str, Any]]:
-    """Return what stands in a model of MuJoCo's as obstacles of a scene, without a robot in it.
+    """Return the static bodies of a MuJoCo model as obstacles. A robot in it is left out.
 
     Raises
     ------
     RobotError
-        If MuJoCo cannot read it, or a mesh stands in it whose file no obstacle can have.
+        If MuJoCo cannot read it, or a static mesh has a file that no obstacle can have.
     ExtraError
         If MuJoCo is not installed.
     """
@@ -123,11 +123,8 @@ def obstacles_in(file: Path) -> list[dict[str, Any]]:
 
 
 def _original(model: Any, number: int, mesh: Any, file: Path) -> MeshFile:
-    """Return the file of a mesh, and where its frame is in that of the compiled mesh.
-
-    MuJoCo subtracts `refpos` of the specified mesh from vertices, turns them by the conjugate of `refquat`, scales
-    them, and then centres and turns them once more.
-    """
+    """Return a mesh's file, and its frame in the compiled mesh. MuJoCo subtracts `refpos` of the specified mesh from
+    vertices, rotates them by the conjugate of `refquat`, scales them, and then centres and rotates them once more."""
     name, start = model.mesh(number).name or number, int(model.mesh_pathadr[number])
     if start < 0:
         told = f"the triangles of '{name}' are written in the model"
@@ -146,7 +143,7 @@ def _original(model: Any, number: int, mesh: Any, file: Path) -> MeshFile:
 
 
 def model_in(file: Path) -> Any:
-    """Return a model of MuJoCo's, compiled.
+    """Return a compiled MuJoCo model.
 
     Raises
     ------
@@ -160,11 +157,9 @@ def model_in(file: Path) -> Any:
 
 
 def _require_bounded(file: Path) -> None:
-    """Refuse a model that MuJoCo cannot build in `SECONDS` of processor time and `GIGABYTES`.
-
-    A line of a model may ask for any number of bodies, and MuJoCo builds it in native code that cannot be stopped. It
-    is therefore built in a process of its own first.
-    """
+    """Refuse a model that exceeds `SECONDS` of processor time or `GIGABYTES`. A line of a model may ask for any
+    number of bodies, and MuJoCo builds it in native code that cannot be stopped. It is therefore built in a process
+    of its own first."""
     command = [sys.executable, "-c", BUILD, str(file), str(SECONDS), str(GIGABYTES)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode == 0:
@@ -178,7 +173,7 @@ def _require_bounded(file: Path) -> None:
 
 
 class _Writer:
-    """A writer of one compiled model."""
+    """Writer of one compiled model."""
 
     def __init__(self, mj: Any, model: Any, file: Path):
         self.mj, self.model, self.file = mj, model, file
@@ -230,7 +225,6 @@ class _Writer:
         )
 
     def _tell(self, text: str, name: str) -> None:
-        """Note something about a joint or a pair of links, once for all of which it holds."""
         self.told.setdefault(text, []).append(name)
 
     def _link(self, body: int) -> str:
@@ -298,7 +292,7 @@ class _Writer:
             ET.SubElement(element, "mimic", joint=other, multiplier=repr(multiplier), offset=repr(offset))
 
     def _range(self, joint: int, name: str) -> tuple[float, float]:
-        """Return the positions that a joint's range and its servo's commands leave; infinite where nothing does."""
+        """Return a joint's range within its servo commands, infinite if unlimited."""
         model, drive = self.model, self.drives[joint]
         lower, upper = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-np.inf, np.inf)
         told = max(lower, drive.lower), min(upper, drive.upper)
@@ -308,7 +302,7 @@ class _Writer:
         return lower, upper
 
     def _tell_motor(self, joint: int, name: str, kind: str, known: dict[str, float | None]) -> None:
-        """Note what is guessed about a joint's motor, and what is not as in the model."""
+        """Note guesses and changes of a joint's motor."""
         drive, model = self.drives[joint], self.model
         unit = {
             "effort": "N" if kind == "prismatic" else "N m",
@@ -330,7 +324,7 @@ class _Writer:
             self._tell("{} have springs in the model, which no URDF has: they are left out", f"'{name}'")
 
     def _add_dynamics(self, element: ET.Element, joint: int, name: str) -> None:
-        """Add damping and dry friction of a joint, and the share of its weight that is taken off its motor."""
+        """Add a joint's damping, dry friction and gravity compensation."""
         model = self.model
         dof = int(model.jnt_dofadr[joint])
         damping, friction = float(np.ravel(model.dof_damping[dof])[0]), float(model.dof_frictionloss[dof])
@@ -342,7 +336,7 @@ class _Writer:
             self._tell(f"the model takes {share:.0%} of the weight off {{}}", f"'{name}'")
 
     def _compensated(self, joint: int) -> float:
-        """Return the share of the weight of all that a joint moves which does not load its motor."""
+        """Return the share of the moved weight without load on the motor."""
         model, root = self.model, int(self.model.jnt_bodyid[joint])
         if model.jnt_actgravcomp[joint]:
             return 0.0
@@ -354,7 +348,7 @@ class _Writer:
         return min(max(min(shares, default=0.0), 0.0), 1.0)
 
     def _leads(self, joint: int) -> tuple[str, float, float] | None:
-        """Return the joint that one goes along with, its offset and multiplier; None where it is free."""
+        """Return a joint's leading joint, offset and multiplier; None if free."""
         model = self.model
         for k in range(model.neq):
             couples = model.eq_type[k] == self.mj.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0
@@ -374,7 +368,7 @@ class _Writer:
         return joint
 
     def _bodies(self, body: int, name: str) -> ET.Element:
-        """Return a body's link, with its mass, and its shapes that can collide or are drawn."""
+        """Return a body's link, with mass, collision and visual shapes."""
         model, link = self.model, ET.Element("link", name=name)
         if model.body_mass[body] > 0.0:
             inertial = ET.SubElement(link, "inertial")
@@ -395,18 +389,18 @@ class _Writer:
 
     @property
     def _known(self) -> tuple[int, ...]:
-        """Return the kinds of shapes that a URDF has."""
+        """Return the kinds of shapes that URDFs support."""
         kinds = self.mj.mjtGeom
         return tuple(int(getattr(kinds, f"mjGEOM_{name}")) for name in KNOWN)
 
     def _colour(self, geom: int) -> Array:
-        """Return the colour of a geom, which is that of its material if it has one; array, shape (4,)."""
+        """Return the colour of a geom or its material; shape (4,)."""
         material = int(self.model.geom_matid[geom])
         rgba = self.model.geom_rgba[geom] if material < 0 else self.model.mat_rgba[material]
         return np.asarray(rgba, dtype=np.float64)
 
     def _add_shapes(self, link: ET.Element, role: str, geom: int) -> list[ET.Element]:
-        """Add the shapes of a geom to a link, as `collision` or `visual`, and return these elements."""
+        """Add the shapes of a geom to a link; return the elements. `role` is `collision` or `visual`."""
         added, turned = list[ET.Element](), matrices(self.model.geom_quat[geom])
         for shape, shift in self._shapes(geom):
             added.append(ET.SubElement(link, role))
@@ -415,7 +409,7 @@ class _Writer:
         return added
 
     def _shapes(self, geom: int) -> Iterator[tuple[ET.Element, Array]]:
-        """Yield the shapes of a geom that a URDF knows, and where they are in it [m]; a capsule is three."""
+        """Yield a geom's URDF shapes and their positions in it [m]. A capsule gives three shapes."""
         model, kinds, middle = self.model, self.mj.mjtGeom, np.zeros(3)
         kind, (a, b, _) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
         if kind == kinds.mjGEOM_BOX:
@@ -437,7 +431,7 @@ class _Writer:
             )
 
     def _mesh(self, number: int) -> str:
-        """Return the file name of a mesh, whose triangles are kept."""
+        """Return the file name of a mesh, and keep its triangles."""
         model = self.model
         if number in self.named:
             return self.named[number]

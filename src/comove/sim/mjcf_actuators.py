@@ -1,8 +1,8 @@
-"""Actuators of a compiled MuJoCo model as limits of its joints: efforts, speeds and ranges that they leave.
+"""Joint limits from the actuators of a compiled MuJoCo model.
 
-An actuator applies gain * u + bias to what it drives, u being its control or activation. The force of a motor, or of
-a servo of speed at rest, follows from its range of controls; that of a servo of position is limited by its range of
-forces alone, and its controls limit the position.
+They are efforts, speeds and ranges. An actuator applies gain * u + bias to its target, u being its control or
+activation. The force of a motor, or of a velocity servo at rest, follows from its range of controls; that of a
+position servo is limited by its range of forces alone, and its controls limit the position.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ EVERYWHERE = (-inf, inf)
 
 @dataclass(frozen=True)
 class Drive:
-    """The limits that a model's actuators set to a joint.
+    """Limits of a joint from a model's actuators.
 
     Attributes
     ----------
     is_driven : whether any actuator drives it
     least, largest : effort of all actuators together [N m, N]; infinite where nothing limits it
-    velocity : speed that is commanded at most [rad/s, m/s]; infinite where nothing limits it
-    lower, upper : positions that are commanded [rad, m]; infinite where nothing limits them
+    velocity : largest commanded speed [rad/s, m/s]; infinite where nothing limits it
+    lower, upper : commanded positions [rad, m]; infinite where nothing limits them
     """
 
     is_driven: bool = False
@@ -36,20 +36,19 @@ class Drive:
 
     @property
     def effort(self) -> float | None:
-        """Return the effort that is there both ways, or the largest one of an actuator that drives one way; None
-        where nothing limits it.
-        """
+        """Return the effort available both ways; None without a limit. Of a one-sided drive, return the largest
+        one."""
         most = min(-self.least, self.largest) if not self.is_one_sided else max(-self.least, self.largest)
         return most if isfinite(most) and most > 0.0 else None
 
     @property
     def is_one_sided(self) -> bool:
-        """Return whether it is driven one way only."""
+        """Return whether the joint is driven one way only."""
         return not self.least < 0.0 < self.largest
 
 
 def drives_of(mj: Any, model: Any) -> list[Drive]:
-    """Return the limits that actuators set to every joint."""
+    """Return the limits of every joint from its actuators."""
     drives = [Drive() for _ in range(model.njnt)]
     for actuator in range(model.nu):
         for joint, ratio in driven(mj, model, actuator):
@@ -66,9 +65,8 @@ def drives_of(mj: Any, model: Any) -> list[Drive]:
 
 
 def driven(mj: Any, model: Any, actuator: int) -> Iterator[tuple[int, float]]:
-    """Yield the joints that an actuator drives, directly or by a fixed tendon, each with its effort there for a force
-    of one.
-    """
+    """Yield the joints that an actuator drives, with transmission ratios. It drives a joint directly or by a fixed
+    tendon; the ratio is the effort at the joint for a force of one."""
     kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
     gear = float(model.actuator_gear[actuator, 0])
     if is_one_of(kind, mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT):
@@ -81,12 +79,12 @@ def driven(mj: Any, model: Any, actuator: int) -> Iterator[tuple[int, float]]:
 
 
 def is_one_of(kind: Any, *kinds: Any) -> bool:
-    """Return whether an entry of a model is one of some kinds, which compare with it one way only."""
+    """Return whether a model's entry is one of some kinds. MuJoCo's kinds compare with it in one order only."""
     return int(kind) in map(int, kinds)
 
 
 def _with(mj: Any, model: Any, actuator: int, drive: Drive, ratio: float) -> Drive:
-    """Return the limits of a joint with one more actuator, which drives it by a ratio."""
+    """Return a joint's limits with one more actuator of a ratio."""
     if ratio == 0.0:
         return replace(drive, is_driven=True)
     least, largest = _scaled(_forces(mj, model, actuator), ratio)
@@ -108,7 +106,7 @@ def _scaled(ends: tuple[float, float], ratio: float) -> tuple[float, float]:
 
 
 def _forces(mj: Any, model: Any, actuator: int) -> tuple[float, float]:
-    """Return the least and the largest force of an actuator; infinite where nothing limits it."""
+    """Return the least and largest force of an actuator; else infinite."""
     (low, high), inputs, law = EVERYWHERE, _inputs(mj, model, actuator), _law(mj, model, actuator)
     if law is not None and inputs is not None:
         gain, offset, stiffness, _ = law
@@ -121,7 +119,7 @@ def _forces(mj: Any, model: Any, actuator: int) -> tuple[float, float]:
 
 
 def _law(mj: Any, model: Any, actuator: int) -> tuple[float, float, float, float] | None:
-    """Return the gain of an actuator, and the offset, stiffness and damping of its bias; None where they vary."""
+    """Return an actuator's gain, and its bias's offset, stiffness and damping. Return None where they vary."""
     kind = model.actuator_biastype[actuator]
     if not is_one_of(model.actuator_gaintype[actuator], mj.mjtGain.mjGAIN_FIXED):
         return None
@@ -135,7 +133,7 @@ def _law(mj: Any, model: Any, actuator: int) -> tuple[float, float, float, float
 
 
 def _inputs(mj: Any, model: Any, actuator: int) -> tuple[float, float] | None:
-    """Return the range of an actuator's control, or of the activation that replaces it; None where it has none."""
+    """Return the range of an actuator's control or activation, or None."""
     kinds, kind = mj.mjtDyn, model.actuator_dyntype[actuator]
     if is_one_of(kind, kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT):
         limited, ends = model.actuator_ctrllimited[actuator], model.actuator_ctrlrange[actuator]
@@ -145,7 +143,7 @@ def _inputs(mj: Any, model: Any, actuator: int) -> tuple[float, float] | None:
 
 
 def _commands(mj: Any, model: Any, actuator: int) -> tuple[float, tuple[float, float]]:
-    """Return the largest speed that a servo is told to take, and the range of positions; infinite where none is."""
+    """Return a servo's largest commanded speed and positions, infinite if unlimited."""
     inputs, law, speed, positions = _inputs(mj, model, actuator), _law(mj, model, actuator), inf, EVERYWHERE
     if law is None:
         return speed, positions

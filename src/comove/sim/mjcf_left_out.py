@@ -1,8 +1,8 @@
-"""Features of a compiled MuJoCo model that no URDF has, in words.
+"""Features of a compiled MuJoCo model without counterparts in URDFs.
 
-Each is named once, with all that it holds of: constraints that close loops or couple joints otherwise than in
+Each is named once, with all elements that have it: constraints that close loops or couple joints otherwise than in
 proportion, tendons, actuators that drive no joint, rotor inertias, contacts that the model lists or filters, soft
-bodies, plugins, and another gravity. What only drawing or touching needs is not named.
+bodies, plugins, and another gravity. Features for drawing or touch alone are not named.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ EARTH = (0.0, 0.0, -9.81)  # m/s^2, as everything else in comove has it
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Features that are left out of a model when its robot is written as a URDF.
+    """Features of a model that its robot's URDF omits.
 
     Attributes
     ----------
     mj, model : MuJoCo, and the compiled model
-    robot : trees of the robot, by the body that hangs on the world
+    robot : trees of the robot, by root body
     """
 
     mj: Any
@@ -33,7 +33,7 @@ class LeftOut:
     robot: frozenset[int]
 
     def notes(self) -> Iterator[str]:
-        """Yield what is left out, in words; each kind once."""
+        """Yield the omitted features in words, each kind once."""
         told: dict[str, list[str]] = {}
         for text, name in self._found():
             names = told.setdefault(text, [])
@@ -52,7 +52,7 @@ class LeftOut:
             yield "the model has plugins, whose forces are left out"
 
     def _found(self) -> Iterator[tuple[str, str]]:
-        """Yield texts, and the name of each thing that one holds of."""
+        """Yield texts of features, and the names of their elements."""
         yield from self._constraints()
         yield from self._tendons()
         yield from self._motors()
@@ -76,7 +76,7 @@ class LeftOut:
         return str(getattr(self.model, kind)(int(number)).name or f"{kind} {number}")
 
     def _constraints(self) -> Iterator[tuple[str, str]]:
-        """Yield equality constraints, but for joints that follow others in proportion."""
+        """Yield equality constraints, except proportional joint couplings."""
         model, kinds = self.model, self.mj.mjtEq
         for k in np.flatnonzero(model.eq_active0).tolist():
             kind, first, second = model.eq_type[k], int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
@@ -101,7 +101,7 @@ class LeftOut:
                 yield "the length of {} is constrained: that is left out", self._name("tendon", first)
 
     def _tendons(self) -> Iterator[tuple[str, str]]:
-        """Yield tendons that pull at the robot, or limit it."""
+        """Yield tendons that pull or limit the robot."""
         model, kinds = self.model, self.mj.mjtWrap
         for tendon in range(model.ntendon):
             acts = model.tendon_limited[tendon] or any(
@@ -130,7 +130,7 @@ class LeftOut:
                 yield "the actuators {} drive no joint: they are left out", self._name("actuator", actuator)
 
     def _contacts(self) -> Iterator[tuple[str, str]]:
-        """Yield contacts that the model lists, and links that its filters let pass through each other."""
+        """Yield explicit contacts, and links that filters exclude from contact."""
         model = self.model
         for pair in range(model.npair):
             for geom in (int(model.pair_geom1[pair]), int(model.pair_geom2[pair])):

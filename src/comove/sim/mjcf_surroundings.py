@@ -1,7 +1,7 @@
-"""Surroundings of the robot in a compiled MuJoCo model: what stands becomes obstacles, what lies about payloads.
+"""Obstacles and payloads around the robot in a compiled MuJoCo model.
 
-A tree of bodies is the robot's if an actuator drives it, or, in a model without actuators, if it has joints. All
-others stand where the model begins, but for those that move freely.
+A tree of bodies belongs to the robot if an actuator drives it, or, in a model without actuators, if it has joints.
+All others are obstacles at their initial poses, except free bodies, which are payloads.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ FLOOR, THICK = 10.0, 0.1  # m, half the width of a plane without an end, and its
 
 @dataclass(frozen=True)
 class Roles:
-    """The roles of the trees of bodies, each by the body that hangs on the world.
+    """Roles of the trees of bodies, by root body.
 
     Attributes
     ----------
-    robot, standing, loose : trees of the robot, of what stands, and of what moves freely
+    robot, standing, loose : trees of the robot, of static bodies, and of free bodies
     """
 
     robot: frozenset[int]
@@ -54,7 +54,7 @@ class Roles:
 
 
 class MeshFile(NamedTuple):
-    """A file of a mesh: factor from its lengths to metres, and the pose of its frame in that of the mesh [m]."""
+    """File of a mesh. `scale` converts its lengths to metres; the pose is that of its frame in the mesh [m]."""
 
     file: Path | str
     scale: float = 1.0
@@ -63,7 +63,7 @@ class MeshFile(NamedTuple):
 
 
 class ModelSurroundings:
-    """Writer of what is no part of the robot.
+    """Converter of all bodies outside the robot.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class ModelSurroundings:
         self.notes: list[str] = []
 
     def obstacles(self) -> list[dict[str, Any]]:
-        """Return what stands as the obstacles of a scene, in the frame of the model."""
+        """Return the static bodies as obstacles, in the model's frame."""
         found, names = list[dict[str, Any]](), dict[str, int]()
         for body in self._bodies(self.roles.standing, world=True):
             for geom in self._geoms(body):
@@ -100,7 +100,7 @@ class ModelSurroundings:
         return found
 
     def payloads(self) -> Iterator[str]:
-        """Yield what lies about, in words, with the payload of a scene that it makes."""
+        """Yield notes on free bodies, with a scene's payload where possible."""
         for root in sorted(self.roles.loose):
             told = f"'{self.model.body(root).name or root}' moves freely, and is no part of the robot"
             load = self._payload(root)
@@ -125,7 +125,7 @@ class ModelSurroundings:
         return str(model.geom(geom).name or (model.body(body).name if body else "") or f"geom {geom}")
 
     def _obstacle(self, geom: int) -> dict[str, Any] | None:
-        """Return a geom as an obstacle, None where there is no such shape."""
+        """Return a geom as an obstacle; None for unsupported shapes."""
         kinds, size = self.mj.mjtGeom, self.model.geom_size[geom].tolist()
         kind = kinds(int(self.model.geom_type[geom]))
         center, turn = self.data.geom_xpos[geom], self.data.geom_xmat[geom].reshape(3, 3)
@@ -158,7 +158,7 @@ class ModelSurroundings:
         return entry
 
     def _payload(self, root: int) -> str | None:
-        """Return the load of a scene that a loose tree makes, where it is one box, capsule or cylinder."""
+        """Return a free tree as payload of a scene, or None. It must be one box, capsule or cylinder."""
         geoms = [geom for body in self._bodies(frozenset((root,))) for geom in self._geoms(body)]
         if len(geoms) != 1:
             return None
@@ -177,7 +177,7 @@ class ModelSurroundings:
 
 
 def fragment(obstacles: list[dict[str, Any]], file: Path) -> str:
-    """Return obstacles as the text of a file that scenes and `comove robot scene` take."""
+    """Return obstacles as text for scenes and `comove robot scene`."""
     head = (
         f"# What stands around the robot in {file.name}, in its frame [m]: obstacles of a scene.\n"
         "# comove robot scene ROBOT --obstacles FILE, or copy the list into a scene.\n"
@@ -192,6 +192,6 @@ def _rounded(values: Array) -> list[float]:
 
 
 def _unit(turn: Array) -> list[float]:
-    """Return a rotation as a quaternion whose norm is 1 in all digits that are written."""
+    """Return a rotation's quaternion with norm 1 in all digits."""
     quaternion = quaternion_of_rotation(turn)
     return (quaternion / np.linalg.norm(quaternion)).tolist()

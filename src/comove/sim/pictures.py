@@ -1,7 +1,5 @@
-"""Pictures of an execution: a sheet of instants and a film, drawn by MuJoCo without a screen.
-
-Films are MP4 by PyAV, where it is installed, else GIF by Pillow.
-"""
+"""Pictures and films of an execution, drawn offscreen by MuJoCo. Films are MP4 by PyAV, where it is installed, else
+GIF by Pillow."""
 
 from __future__ import annotations
 
@@ -41,10 +39,8 @@ INK, PAPER = (40, 44, 52), (255, 255, 255)
 
 @dataclass(frozen=True, eq=False)
 class FilmedRun:
-    """An online run as it is drawn: robot and payload as measured, obstacles where the scene moves them.
-
-    The record holds no fingers: they are drawn as the model has them.
-    """
+    """Online run for drawing. Robot and payload are as measured, obstacles where the scene moves them, and fingers
+    as in the model, since the record has none."""
 
     robot: Robot
     scene: Scene
@@ -62,7 +58,7 @@ class FilmedRun:
     def of(
         cls, record: OnlineRecord, grasp: GraspModel | None = None, perturbation: Perturbation = PLAN
     ) -> FilmedRun:
-        """Return what is drawn of a record; grasp and perturbation as `run_live` got them."""
+        """Return the drawing data of a record. Grasp and perturbation must be those of `run_live`."""
         robot, scene, grasp = record.robot, record.scene, grasp or Weld()
         commanded, measured = np.array(record.commanded), np.array(record.measured)
         planned = hand_poses(robot, scene, commanded)
@@ -79,13 +75,13 @@ Filmed = Execution | FilmedRun
 
 @dataclass(frozen=True)
 class View:
-    """Direction from which a camera looks, so far away that it sees all.
+    """Direction of a camera that is far enough to see all.
 
     Attributes
     ----------
     aside : angle from the robot's front to the camera, about the vertical axis [deg]
-    elevation : elevation of the line of sight, negative where the camera looks down [deg]
-    field : what it sees from top to bottom [deg]
+    elevation : elevation of the line of sight, negative where the camera points down [deg]
+    field : vertical field of view [deg]
     """
 
     aside: float
@@ -134,7 +130,7 @@ def draw_sheet(
 
 
 def draw_film(execution: Filmed, path: str | Path, *, rate: float = 20.0, width: int = 640) -> Path:
-    """Write a film of an execution at its own pace.
+    """Write a film of an execution at real-time speed.
 
     Parameters
     ----------
@@ -161,7 +157,7 @@ def draw_film(execution: Filmed, path: str | Path, *, rate: float = 20.0, width:
 
 
 def encodes() -> bool:
-    """Return whether there is an encoder of films."""
+    """Return whether films can be encoded as videos."""
     try:
         require_videos()
     except ExtraError:
@@ -170,9 +166,7 @@ def encodes() -> bool:
 
 
 def _steps(execution: Filmed, count: int) -> list[int]:
-    """Choose samples so that the same progress lies between neighbours: half of it is time, half travel of the
-    hands.
-    """
+    """Choose samples at equal progress. Progress is half time, half travel of the end effectors."""
     last = min(
         int(np.searchsorted(execution.time, execution.motion.duration - 1e-9)), len(execution.time) - 1
     )
@@ -188,12 +182,12 @@ def _steps(execution: Filmed, count: int) -> list[int]:
 def camera(
     execution: Filmed, width: int, height: int, *, shadows: bool = True, view: View = FRONT
 ) -> Iterator[Callable[[int], Image.Image]]:
-    """Lend a function that draws one sample of an execution with its time, of the size given in pixels.
+    """Yield a function that draws one sample with its time.
 
     Raises
     ------
     OptionError
-        If pictures, or pictures of that size, cannot be drawn here, or there is nothing to be seen.
+        If pictures, or pictures of that size [pixels], cannot be drawn here, or there is nothing to be seen.
     """
     if not (0 < height <= LARGEST[0] and 0 < width <= LARGEST[1]):
         raise OptionError(
@@ -234,11 +228,11 @@ def camera(
 def stage(
     execution: Filmed, width: int, height: int, finish: Callable[[Any], None]
 ) -> Iterator[tuple[SimulatedWorld, Any, Callable[[int, Any], NDArray[np.uint8]]]]:
-    """Lend the world of an execution, MuJoCo's data of it, and a function that draws a sample as a camera sees it.
+    """Yield an execution's world, MuJoCo data, and sample renderer.
 
     Parameters
     ----------
-    finish : function that adds light and cameras to the world's specification
+    finish : function that adds lights and cameras to the world's specification
     """
     require_pictures()
     with without_log():
@@ -272,7 +266,7 @@ def _renderer(model: Any, height: int, width: int) -> Any:
 
 
 def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> None:
-    """Put a world into the state of one sample."""
+    """Set a world to the state of one sample."""
     mj, model = engine(), world.model
     data.qpos[world.qpos] = execution.joints[step]
     if execution.fingers is not None:
@@ -288,9 +282,7 @@ def place(execution: Filmed, world: SimulatedWorld, data: Any, step: int) -> Non
 
 
 def _seen(execution: Filmed, world: SimulatedWorld, data: Any) -> Array:
-    """Return the points that a picture must show: all hands and loads, obstacles, and the robot as it stands at
-    the start.
-    """
+    """Return the points that a picture must show."""
     model = world.model
     moving = [g for g in range(model.ngeom) if model.geom_group[g] in DRAWN_GROUPS and model.geom_bodyid[g]]
     hands = execution.hands[..., :3, 3].reshape(-1, 3)
@@ -300,7 +292,7 @@ def _seen(execution: Filmed, world: SimulatedWorld, data: Any) -> Array:
 
 
 def _corners(obstacle: Any) -> Array:
-    """Return the corners of a box, the middle of any other obstacle; array, shape (n_points, 3)."""
+    """Return the corners of a box, else an obstacle's centre. Array, shape (n_points, 3)."""
     large = 2.0  # m, of a box that need not be seen to its ends
     middle, size = np.array(obstacle.center), getattr(obstacle, "size", None)
     if size is None:
@@ -311,7 +303,7 @@ def _corners(obstacle: Any) -> Array:
 
 
 def furnish(spec: Any, *, shadows: bool = True) -> None:
-    """Add light, sky and a floor's pattern to a world; without shadows pictures are drawn four times as fast."""
+    """Add light, sky and a floor pattern to a world. Without shadows pictures are drawn four times as fast."""
     mj = engine()
     spec.visual.global_.offheight, spec.visual.global_.offwidth = LARGEST
     spec.visual.quality.shadowsize, spec.visual.quality.offsamples = 8192, 8 if shadows else 4
@@ -348,14 +340,14 @@ def furnish(spec: Any, *, shadows: bool = True) -> None:
 def in_sight(
     seen: Array, aspect: float, azimuth: float, elevation: float, field: float
 ) -> tuple[Array, float]:
-    """Return what a camera looks at, and how far it is from there, so that it sees all of some points [m].
+    """Return a camera's target and distance at which points are visible [m].
 
     Parameters
     ----------
     seen : array, shape (n_points, 3), the points [m]
     aspect : ratio of width to height of the picture
     azimuth, elevation : direction of the line of sight [deg]
-    field : what the camera sees from top to bottom [deg]
+    field : vertical field of view [deg]
     """
     room = 0.10  # m, around the middles of what must be seen
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
@@ -382,7 +374,7 @@ def sight(azimuth: float, elevation: float) -> tuple[Array, Array, Array]:
 
 
 def front_of(robot: Robot, work: Array) -> float:
-    """Return the azimuth of the line from the middle of the work to the robot's bases, rounded to an axis [deg].
+    """Return the azimuth of the robot's bases from the work [deg]. It is rounded to an axis.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
-"""Geometric playback of a joint motion: every joint is exactly at its planned position at every instant, by
-Pinocchio.
+"""Geometric playback: all joints exactly at their planned positions, by Pinocchio.
 
-The load moves with the hands. Its holders share its weight and the force of its inertia equally; torques are those of
-`comove.robots.effort`, as the verification has them. Nothing lags, slips or gives way.
+The payload moves with the end effectors. Its holders share its weight and inertial force equally; torques are those
+of `comove.robots.effort`, as in the verification. There is no lag, slip or compliance.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings 
     Raises
     ------
     RobotError, SceneError
-        If robot, scene and motion do not belong together.
+        If robot, scene and motion do not match.
     """
     require_fit(motion, robot, scene)
     began = perf_counter()
@@ -66,9 +65,8 @@ def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings 
 
 
 def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Array]:
-    """Compute poses of the load, array of shape (n_steps, 4, 4), and the holders' forces on it, (n_steps,
-    n_holders, 6).
-    """
+    """Compute the payload's poses and the holders' forces on it. Arrays, shape (n_steps, 4, 4) and (n_steps,
+    n_holders, 6)."""
     if load is None:
         return np.full((len(time), 4, 4), np.nan), np.zeros((len(time), 0, 6))
     held = hands[:, list(load.holders)]

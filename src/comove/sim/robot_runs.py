@@ -1,12 +1,12 @@
-"""A stored online run of a robot, `robot_run.json` and `robot_run.npz`: written, read, and verified.
+"""Stored online runs of robots, `robot_run.json` and `robot_run.npz`.
 
-The arrays are, after every control step, `time` (n_steps,) [s], `commanded` and `measured` (n_steps, n_joints) [rad],
-`nodes` (n_steps, n_nodes, 3), hands and corners of the load as commanded [m], `load_pose` (n_steps, 4, 4), the load
-in the simulator, `driven_off` (n_steps,), whether the robot gave way to what had driven it off, and
-`obstacle_center` (n_steps, n_obstacles, 3) [m]. `scene.json` is the scene that was run.
+The arrays are, after every control step, `time` (n_steps,) [s], `commanded` and `measured` (n_steps, n_joints)
+[rad], `nodes` (n_steps, n_nodes, 3), end effectors and corners of the payload as commanded [m], `load_pose`
+(n_steps, 4, 4), the payload in the simulator, `driven_off` (n_steps,), whether the robot yielded to an external
+displacement, and `obstacle_center` (n_steps, n_obstacles, 3) [m]. `scene.json` is the scene of the run.
 
-The verification takes joints and times from the run; obstacles are where the scene moves them, hands where the joints
-place them, and the load is where the hands hold it.
+The verification uses joints and times of the run; it computes obstacles from the scene, end effectors from the
+joints, and the payload from the end effectors.
 """
 
 from __future__ import annotations
@@ -80,11 +80,11 @@ def write_robot_run(
     wall_time_s: float,
     source: str | Path | None = None,
 ) -> Summary:
-    """Write both files and the scene into an existing folder, and return the summary.
+    """Write both files and the scene; return the summary.
 
     Parameters
     ----------
-    source : the robot's description: the name of a bundled one or a path; found from the scene unless given
+    source : the robot's description: the name of a bundled one or a path; that of the scene unless given
     """
     (folder / SCENE).write_bytes(canonical(record.scene.file) + b"\n")
     measures = {
@@ -125,7 +125,7 @@ def write_robot_run(
 
 
 def read_robot_run(folder: str | Path) -> Stored:
-    """Read the folder of a robot's online run; nothing of it is verified.
+    """Read the folder of a robot's online run without verification.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def read_robot_run(folder: str | Path) -> Stored:
 
 
 def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[OnlineRecord, OnlineReport]:
-    """Verify a stored online run on a scene and a robot, from its joints and times alone.
+    """Verify a stored online run from its joints and times alone.
 
     Clearances are those at samples, as `judge_run` measures them.
 
@@ -178,7 +178,7 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
 
 
 def followed(record: JointRecord) -> OnlineRecord:
-    """Return the record of a run whose joints are where they were commanded, without a simulator."""
+    """Return an unsimulated run's record, with joints exactly as commanded."""
     joints, n_steps = record.joints[1:], len(record.time) - 1
     held = hand_poses(record.robot, record.scene, record.joints)
     load = load_of(record.scene, held[0])
@@ -232,7 +232,7 @@ def _has_arrived(scene: Scene, arrays: Arrays) -> bool:
 
 
 def _impossible(record: OnlineRecord, arrays: Arrays, moved: Array) -> list[str]:
-    """List what no run on the scene could have recorded, in words."""
+    """List the values that no run on the scene can have."""
     scene, time, reasons = record.scene, arrays["time"], []
     if not np.abs(time - record.period * np.arange(1, len(time) + 1)).max() <= FITS:
         reasons.append(f"the times in {ROBOT_RUN.arrays} are not evenly spaced from 0 s")
@@ -257,7 +257,7 @@ def _impossible(record: OnlineRecord, arrays: Arrays, moved: Array) -> list[str]
 
 
 def _unheld(record: OnlineRecord, arrays: Arrays) -> list[str]:
-    """List where hands and load are not one body, in words."""
+    """List violations of the rigid grasp of the payload."""
     scene, reasons = record.scene, []
     for own, group in zip(scene.nodes_of_groups, scene.groups, strict=True):
         nodes = arrays["nodes"][:, own]
@@ -284,7 +284,7 @@ def _unheld(record: OnlineRecord, arrays: Arrays) -> list[str]:
 
 
 def _misstated(summary: Summary, report: OnlineReport, record: OnlineRecord) -> list[str]:
-    """List the measures in the summary that are not those of the run, in words."""
+    """List the differences of the summary's measures from the run's."""
     right = {name: value for name, value in vars(report).items() if isinstance(value, float)}
     reasons = ROBOT_RUN.differences(summary, right)
     said: dict[str, Any] = {"scene": record.scene.name, "robot": record.robot.name, "arrived": record.arrived}

@@ -1,10 +1,10 @@
-"""Position servos of a robot's joints, within the limits of their motors.
+"""Position servos of a robot's joints, within their motors' limits.
 
 A servo gives the torque k (q_ref - q) + c (v_ref - v): the reference velocity is added to its reference position as
-c/k v_ref. The robot's own weight is compensated, and so is the payload, as by controllers that are told of it: the
-torques are added that carry each holder's share of the mass that the scene states. Springs hold a share of the
-robot's weight, and the motors the rest, w, and the payload's torques, p; so a servo whose motor has the effort limit
-E may give torques from -E - w - p to E - w - p.
+c/k v_ref. The weights of robot and payload are compensated, as by controllers that are given both: each holder's
+share of the payload's mass in the scene is added as torques. Springs hold a share of the robot's weight, and the
+motors the rest, w, and the payload's torques, p; so a servo whose motor has the effort limit E may give torques from
+-E - w - p to E - w - p.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ INERTIA = (0.3, 3.0)  # of what a servo is damped for [kg m^2; kg]
 
 
 def servo_gains(robot: Robot) -> tuple[Array, Array]:
-    """Compute stiffness k and damping c = 2 sqrt(I k) of the joints; arrays, shape (n_joints,) [N m/rad, N m s/rad].
+    """Compute stiffness k and damping c = 2 sqrt(I k). Arrays, shape (n_joints,) [N m/rad, N m s/rad].
 
     Raises
     ------
@@ -50,7 +50,9 @@ def servo_gains(robot: Robot) -> tuple[Array, Array]:
 
 
 def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
-    """Add servos to a world; returns the lead c/k of a reference velocity, array of shape (n_joints,) [s].
+    """Add servos to a world; return the leads of their velocities.
+
+    The lead is c/k of a reference velocity, array of shape (n_joints,) [s].
 
     Parameters
     ----------
@@ -77,25 +79,24 @@ def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
 
 
 def limit_servos(world: SimulatedWorld, data: Any) -> None:
-    """Set the servos' limits to what the weights of robot and payload, at present, leave of the motors' limits."""
+    """Set the servos' limits to the motors' limits less present weights."""
     weight, limit = motor_weight(world, data), world.robot.effort
     world.model.actuator_forcerange[world.servos] = np.stack([-limit - weight, limit - weight], axis=1)
 
 
 def motor_weight(world: SimulatedWorld, data: Any) -> Array:
-    """Return the motors' share of the torques of the robot's own weight, and those that carry the payload; array,
-    shape (n_joints,) [N m].
-    """
+    """Return the motors' torques that compensate robot and payload [N m]. Of the robot's weight it is the motors'
+    share; array, shape (n_joints,)."""
     return (1 - world.robot.relief) * data.qfrc_gravcomp[world.dofs] + data.qfrc_applied[world.dofs]
 
 
 def carry_payload(world: SimulatedWorld, data: Any, torque: Array) -> None:
-    """Apply the torques that carry the payload, array of shape (n_joints,), from now on [N m]."""
+    """Apply the torques that compensate the payload from now on. Array, shape (n_joints,) [N m]."""
     data.qfrc_applied[world.dofs] = torque
 
 
 class PayloadTorques:
-    """The torques that carry a payload's stated mass, by inverse dynamics with and without it."""
+    """Torques of a payload's mass, by inverse dynamics with and without it."""
 
     def __init__(self, robot: Robot, scene: Scene):
         arms = tuple(robot.arm(name) for name in scene.manipulators)
@@ -119,6 +120,6 @@ class PayloadTorques:
         return torques(self.robot, self.loaded, *motion) - torques(self.robot, self.robot.model, *motion)
 
     def at_rest(self, position: Array) -> Array:
-        """Compute the torques at joints that do not move; arrays, shape (n_joints,)."""
+        """Compute the torques at resting joints; arrays, shape (n_joints,)."""
         still = np.zeros((1, len(position)))
         return self.at(position[None], still, still)[0]

@@ -1,4 +1,4 @@
-"""Settings of a simulation, the limits by which it is judged, and deviations from the plan."""
+"""Settings and limits of a simulation, and perturbations of the plan."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class Settings:
 
     Attributes
     ----------
-    log_rate : samples per second in an execution [Hz], from 10 to 500; the nearest that whole steps of 2 ms allow
-    settle, hold : time for which the robot stands still before and after the motion [s]
-    slip_limit : largest distance that a hand may slide on the load [m]
-    end_error_limit : largest distance of the load from its goal at the end [m]
-    internal_force_limit : largest force with which hands may work against each other [N]
+    log_rate : samples per second in an execution [Hz], from 10 to 500; rounded to whole steps of 2 ms
+    settle, hold : time at rest before and after the motion [s]
+    slip_limit : largest slip of an end effector on the payload [m]
+    end_error_limit : largest distance of the payload from its goal at the end [m]
+    internal_force_limit : largest internal force between end effectors [N]
     """
 
     log_rate: float = 100.0
@@ -43,7 +43,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Push:
-    """A force on the load's middle for a short time.
+    """Force on the payload's centre for a short time.
 
     Attributes
     ----------
@@ -68,11 +68,11 @@ class Perturbation:
 
     Attributes
     ----------
-    friction, mass : factors on the friction between fingers and load, and on the load's mass, of which servos do not
-        know: they carry what the scene states
+    friction, mass : factors on the friction between fingers and payload, and on the payload's mass, unknown to the
+        servos: they compensate the mass of the scene
     gains : factors on stiffness and damping of the servos, one for all joints or one each
-    start_error : displacement of the load from its planned place when it is grasped, in its own axes [m]; it is
-        unknown to the robot, so the hands carry the load displaced
+    start_error : displacement of the payload from its planned pose when it is grasped, in its own axes [m]; it is
+        unknown to the robot, so the payload stays displaced
     push : force during the motion, None where there is none
     """
 
@@ -90,10 +90,11 @@ class Perturbation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, n_joints: int) -> Perturbation:
-        """Draw a random perturbation.
+        """Sample a random perturbation.
 
         Friction and mass are within 30 %, gains within 20 %; the start error is 5 mm in a random direction of the x-y
-        plane of the load's own axes; the push is up to 5 N for 0.1 s in any direction, in the middle of the motion.
+        plane of the payload's own axes; the push is up to 5 N for 0.1 s in any direction, in the middle of the
+        motion.
 
         Parameters
         ----------
@@ -113,7 +114,7 @@ class Perturbation:
 
 
 def require_finite(key: str, *values: float, positive: bool = False) -> None:
-    """Raise OptionError unless values are finite numbers, and greater than 0 where they must be."""
+    """Raise `OptionError` unless values are finite, and positive if required."""
     for value in values:
         if not (isinstance(value, Real) and -inf < value < inf) or (positive and value <= 0):
             least = " greater than 0" if positive else ""

@@ -1,4 +1,4 @@
-"""URDF models as MuJoCo reads them: meshes are converted, and joints that do not move are fixed at their posture."""
+"""URDF models for MuJoCo, with converted meshes and fixed unused joints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UNREAD = ("mimic", "safety_controller", "calibration")
 def for_mujoco(
     sources: Sequence[Source], posture: Mapping[str, float], moving: Collection[str], *, drawn: bool
 ) -> str:
-    """Write all models of a robot as one URDF, each on its base, for MuJoCo's reader.
+    """Write all models of a robot as one URDF for MuJoCo. Each model is on its base.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def for_mujoco(
 
 
 def _make_physical(inertia: ET.Element) -> None:
-    """Raise moments of inertia that are not positive, which MuJoCo refuses; who reads the robot is warned of them."""
+    """Raise moments of inertia that are not positive. MuJoCo refuses these; the reader of the robot warns of them."""
     least = float(COMPILER["boundinertia"])
     rows, columns = np.triu_indices(3)
     names = [f"i{'xyz'[row]}{'xyz'[column]}" for row, column in zip(rows, columns, strict=True)]
@@ -85,7 +85,7 @@ def _make_physical(inertia: ET.Element) -> None:
 
 
 def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
-    """Return the joint that fixes a model to its base's place."""
+    """Return the joint that fixes a model to its base."""
     children = {child.get("link", "") for child in tree.findall("joint/child")}
     names = [link.get("name", "") for link in tree.findall("link")]
     root = next(name for name in names if name not in children)
@@ -97,7 +97,7 @@ def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
 
 
 def _moved(tree: ET.Element) -> set[str]:
-    """Return the names of the links that joints move, once the others are fixed."""
+    """Return the names of the links that unfixed joints move."""
     found, more = set[str](), True
     while more:
         more = False
@@ -110,7 +110,7 @@ def _moved(tree: ET.Element) -> set[str]:
 
 
 def _solid(collision: ET.Element, file: Path, moves: bool) -> list[ET.Element]:
-    """Split a collision element into convex bodies, where it is a mesh."""
+    """Split the mesh of a collision element into convex bodies."""
     mesh = collision.find("geometry/mesh")
     if mesh is None:
         return [collision]
@@ -123,7 +123,7 @@ def _solid(collision: ET.Element, file: Path, moves: bool) -> list[ET.Element]:
 
 
 def _drawable(visual: ET.Element, file: Path) -> list[ET.Element]:
-    """Split a visual element by colour; returns none where its mesh cannot be read, which hinders no simulation."""
+    """Split a visual element by colour; return none if unreadable."""
     mesh = visual.find("geometry/mesh")
     if mesh is None:
         return [visual]
@@ -145,7 +145,7 @@ def _drawable(visual: ET.Element, file: Path) -> list[ET.Element]:
 
 
 def _fix(joint: ET.Element, value: float) -> None:
-    """Make a joint a fixed one at a value."""
+    """Fix a joint at a value."""
     origin = joint.find("origin")
     if origin is None:
         origin = ET.Element("origin")
@@ -164,12 +164,12 @@ def _fix(joint: ET.Element, value: float) -> None:
 
 
 def write_origin(element: ET.Element, position: Array, rotation: Array) -> None:
-    """Add to an element of a URDF where it is in its link; arrays, shape (3,) [m] and (3, 3)."""
+    """Add a pose to a URDF element; shapes (3,) [m] and (3, 3)."""
     ET.SubElement(element, "origin", xyz=text_of(position), rpy=text_of(pin.rpy.matrixToRpy(rotation)))
 
 
 def text_of(values: Array) -> str:
-    """Return numbers as a URDF has them, in all digits."""
+    """Return numbers as URDF text, in all digits."""
     return " ".join(map(repr, np.asarray(values, dtype=np.float64).tolist()))
 
 

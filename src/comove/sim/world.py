@@ -1,7 +1,8 @@
-"""World of a simulation: a MuJoCo model, the indices of what is in it, and the shapes of obstacles, floor and load.
+"""World of a simulation: MuJoCo model, indices, obstacles, floor and payload.
 
-The links of a robot (contype 1, conaffinity 2) meet obstacles and load (2, 3), not each other: a robot's models
-overlap where they are joined, and self-collision is judged elsewhere. Obstacles and load meet each other.
+The links of a robot (contype 1, conaffinity 2) collide with obstacles and payload (2, 3), not with each other: a
+robot's models overlap where they are joined, and the verification checks self-collision. Obstacles and payload
+collide with each other.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ GROUP = 2  # of obstacles, floor and load; shapes that links collide with are in
 
 
 class Holder(NamedTuple):
-    """A hand that holds the load.
+    """End effector that holds the payload.
 
     Attributes
     ----------
     name : name of its arm
-    site, held : indices of the sites of its grasp frame, and of its grasp on the load
+    site, held : indices of the sites of its grasp frame, and of its grasp on the payload
     fingers : names of the joints of its fingers, empty where they do not move
     """
 
@@ -44,19 +45,19 @@ class Holder(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedWorld:
-    """A compiled MuJoCo model with the indices of what is in it.
+    """Compiled MuJoCo model with indices of its elements.
 
     Attributes
     ----------
     model : mujoco.MjModel
-    robot, load : the robot and the load in the world; the load may be None
+    robot, load : the robot and the payload in the world; the payload may be None
     qpos, dofs, servos : arrays, shape (n_joints,), indices of coordinates, degrees of freedom and servos of the
         robot's joints, in its order
     lead : array, shape (n_joints,), factor of a reference velocity in the servos' reference position [s]
-    sites : array, shape (n_manipulators,), indices of the hands' grasp frames
-    holders : the hands that hold the load
-    load_body, load_qpos, load_dof : indices of the load's body, first coordinate and first degree of freedom; -1
-        without a load
+    sites : array, shape (n_manipulators,), indices of the end effectors' grasp frames
+    holders : the end effectors that hold the payload
+    load_body, load_qpos, load_dof : indices of the payload's body, first coordinate and first degree of freedom; -1
+        without a payload
     hand_of_geom : array, shape (n_geoms,), number of the holder that a shape belongs to, -1 for none
     watched : array of bool, shape (n_geoms, n_geoms), whether the contact of a pair of shapes is reported
     """
@@ -87,7 +88,7 @@ class SimulatedWorld:
         return [int(self.model.joint(name).qposadr[0]) for name in self.fingers]
 
     def load_pose(self, data: Any) -> Array:
-        """Return the load's pose in a state, array of shape (4, 4); NaN without a load."""
+        """Return the payload's pose in a state, shape (4, 4); else NaN."""
         if self.load is None:
             return np.full((4, 4), np.nan)
         pose = np.eye(4)
@@ -96,15 +97,14 @@ class SimulatedWorld:
         return pose
 
     def put_load(self, data: Any, pose: Array) -> None:
-        """Write the load's pose, array of shape (4, 4), into a state."""
+        """Write the payload's pose, shape (4, 4), into a state."""
         first = self.load_qpos
         data.qpos[first : first + 3] = pose[:3, 3]
         data.qpos[first + 3 : first + 7] = quaternion_of_rotation(pose[:3, :3])
 
     def names_of(self, pair: tuple[int, int]) -> tuple[str, str]:
-        """Return the names of what two shapes belong to, for messages: the load before a link, a link before an
-        obstacle.
-        """
+        """Return the names of two shapes' bodies, for messages. The payload precedes links, and links precede
+        obstacles."""
         first, second = sorted(pair, key=self._rank)
         return self._name_of(first), self._name_of(second)
 
@@ -147,7 +147,7 @@ def add_obstacles(spec: Any, scene: Scene) -> None:
 
 
 def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[Any]:
-    """Add the convex polytopes that hold a mesh to a body, and return them.
+    """Add convex polytopes that contain a mesh to a body; return them.
 
     Parameters
     ----------
@@ -164,16 +164,17 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
 
 
 def move_obstacles(data: Any, scene: Scene, time: float, centers: Array | None = None) -> None:
-    """Put the obstacles that move where they are at an instant [s], or at centres, (n_obstacles, 3) [m]."""
+    """Move the obstacles to their poses at an instant [s]. `centers`, array of shape (n_obstacles, 3) [m], replaces
+    their positions."""
     places, turned = moving_poses(scene, np.array([time]))
     data.mocap_pos[:] = places[0] if centers is None else centers[scene.moving]
     data.mocap_quat[:] = turned[0]
 
 
 def moving_poses(scene: Scene, time: Array) -> tuple[Array, Array]:
-    """Return where obstacles that move are at some instants, array of shape (n_steps,) [s].
+    """Return the poses of moving obstacles at times of shape (n_steps,) [s].
 
-    They are in the order of their bodies among those that MuJoCo moves as it is told, the only ones.
+    They are in the order of their mocap bodies, which are the only ones.
 
     Returns
     -------
@@ -184,12 +185,12 @@ def moving_poses(scene: Scene, time: Array) -> tuple[Array, Array]:
 
 
 def moving_body(obstacle: int) -> str:
-    """Return the name of the body of an obstacle that moves, with a blank as that of the load."""
+    """Return the body name of a moving obstacle. It has a blank, like that of the payload."""
     return f"moving {obstacle}"
 
 
 def add_load(spec: Any, load: Load, mass: float, holding: Sequence[Arm]) -> None:
-    """Add the load to a world as a free body, with a site for each hand; `mass` in kg."""
+    """Add the payload as a free body with grasp sites. `mass` is in kg."""
     mj, orange = engine(), (0.95, 0.70, 0.10, 1)
     shapes = mj.mjtGeom
     kinds = {"box": shapes.mjGEOM_BOX, "capsule": shapes.mjGEOM_CAPSULE, "hull": shapes.mjGEOM_MESH}
@@ -217,7 +218,7 @@ def _finish(geom: Any, name: str, colour: tuple[float, ...]) -> None:
 
 
 def lower_floor(world: SimulatedWorld, data: Any, planned: Array) -> None:
-    """Move the floor below everything in the world at the present state, and below links wherever they will be.
+    """Move the floor below everything, and below the links' motion.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ def lower_floor(world: SimulatedWorld, data: Any, planned: Array) -> None:
 
 
 def _lowest(model: Any, data: Any, geom: int) -> float:
-    """Compute the height of the lowest point of a shape, by a mesh's vertices or a box around any other shape [m]."""
+    """Compute the height of a shape's (or its box's) lowest point [m]."""
     down, mesh = data.geom_xmat[geom, 6:], model.geom_dataid[geom]
     if mesh >= 0:
         first = model.mesh_vertadr[mesh]

@@ -1,4 +1,4 @@
-"""Datasets of verified episodes, in the formats from which policies learn."""
+"""Datasets of verified episodes, in formats for policy learning."""
 
 from comove.data.datasets.export import FORMATS, DatasetFormat, export_episodes
 

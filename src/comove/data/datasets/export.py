@@ -1,4 +1,4 @@
-"""The formats of datasets, and the writing of one: it is complete, or it is not there."""
+"""Formats of datasets, and their atomic writing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DATASET = Contents("dataset")
 
 @dataclass(frozen=True)
 class DatasetFormat:
-    """A format of datasets.
+    """Format of datasets.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ FORMATS = {
 
 
 def check_export(folder: Path, format: DatasetFormat) -> Path:
-    """Return where a dataset of a study is written, after a check, before anything is run, that it can be.
+    """Check in advance that a dataset can be written; return its path.
 
     Raises
     ------
     ResultError
-        If it is there already, or cannot be written.
+        If it exists already, or cannot be written.
     DemonstrationError
         If its library is not installed.
     """
@@ -77,7 +77,7 @@ def export_episodes(
     rate: int | None = None,
     study: Study | None = None,
 ) -> tuple[Path, int]:
-    """Write the verified episodes of a study as a dataset, each verified anew.
+    """Verify the episodes of a study again, and write a dataset.
 
     Parameters
     ----------

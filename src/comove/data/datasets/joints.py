@@ -1,4 +1,4 @@
-"""The joints of a robot's episode as samples at an even rate: as they were simulated, else as they are planned."""
+"""Joints of a robot's episode at an even rate. They are as simulated, without a simulation as planned."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from comove.verification.verify import VerifiedMotion
 
 @dataclass(frozen=True, eq=False)
 class EpisodeJoints:
-    """The joints of an episode at given times, and the hands that they place.
+    """Joints of an episode at given times, and their end-effector poses.
 
     Attributes
     ----------
     robot : name of the robot
     names : names of the joints
-    columns : columns of each hand's joints, from the base to the tip
+    columns : columns of the joints of each end effector's arm, from the base to the tip
     measured : array, shape (n_steps, n_joints), joints, as measured where the episode was simulated [rad or m]
-    wanted : array, shape (n_steps, n_joints), planned joints of the next sample, which a controller is sent
-    hands : array, shape (n_steps, n_manipulators, 3), positions of the hands at the measured joints [m]
+    wanted : array, shape (n_steps, n_joints), planned joints of the next sample, as commanded to a controller
+    hands : array, shape (n_steps, n_manipulators, 3), positions of the end effectors at the measured joints [m]
     orientation : array, shape (n_steps, n_manipulators, 4), their quaternions w x y z
     figures : measures of verification and simulation, by name
     """
@@ -52,19 +52,19 @@ class EpisodeJoints:
 def joint_samples(
     run: StudyRun, kept: StoredCarry, motion: VerifiedMotion, time: Array, simulate: Any, store: Path
 ) -> EpisodeJoints:
-    """Return the joints of an episode, verified anew and, where the study simulates, simulated anew.
+    """Return an episode's joints, verified and, if required, simulated again.
 
     Parameters
     ----------
-    motion : motion of the hands, verified anew
+    motion : motion of the end effectors, verified again
     time : array, shape (n_steps,), times of the samples [s]
-    simulate : what the store says of the simulation; None without one
-    store : path of the store, for messages
+    simulate : settings of the simulation; None without one
+    store : path of the run database, for messages
 
     Raises
     ------
     ResultError
-        If joints or simulation are not what the store says.
+        If joints or simulation differ from the run database.
     """
     carried = restored_carry(kept, motion, store)
     planned = carried.joints.curve(np.minimum(time, carried.joints.duration))
@@ -88,7 +88,7 @@ def joint_samples(
 
 
 def _simulated(run: StudyRun, carried: VerifiedJointMotion, simulate: Any, store: Path) -> Execution:
-    """Return the simulation of an episode, done anew."""
+    """Simulate an episode again."""
     try:
         part = SimulationPart.model_validate(simulate)
     except ValidationError as error:

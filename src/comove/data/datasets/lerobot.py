@@ -1,11 +1,11 @@
-"""Episodes as a LeRobot dataset, version 3.0: few Parquet files that hold many episodes, and tables about them.
+"""Episodes as a LeRobot dataset, version 3.0.
 
-`observation.state` holds the hands, `action` the hands at the next sample, `observation.environment_state` their goal
-and the centres of the obstacles [m]. Of a robot, `observation.state` holds its joints, `action` the planned joints of
-the next sample [rad], and `observation.hands` the hands with their quaternions w x y z. Cameras are
-`observation.images.CAMERA`, videos as the store has them, joined without being encoded anew. The table of the
-episodes holds, besides what LeRobot writes there, all that is known of an episode, in columns that begin with
-`comove/`.
+Few Parquet files hold many episodes, and tables describe them. `observation.state` holds the end effectors, `action`
+the end effectors at the next sample, `observation.environment_state` their goal and the centres of the obstacles
+[m]. Of a robot, `observation.state` holds its joints, `action` the planned joints of the next sample [rad], and
+`observation.hands` the end effectors with their quaternions w x y z. Cameras are `observation.images.CAMERA`, videos
+from the run database, joined without encoding them again. The table of episodes also holds all other data of an
+episode, in columns that begin with `comove/`.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ TASK = "carry the load"
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
-    """Write a dataset into an existing folder; return the number of its episodes.
+    """Write a dataset to a folder; return the number of its episodes.
 
     Raises
     ------
     DemonstrationError
         If pyarrow is not installed.
     ResultError
-        If the episodes differ in hands or obstacles.
+        If the episodes differ in end effectors or obstacles.
     """
     extra("pyarrow", folder)
     episodes = iter(episodes)
@@ -71,7 +71,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
 
 
 def _described(video: Video, rate: int) -> dict[str, Any]:
-    """Return the description of a camera's videos, in the form that LeRobot gives it."""
+    """Return a camera's description in LeRobot's layout."""
     _, height, width, channels = video.pictures.shape
     about = {"height": height, "width": width, "codec": CODEC, "pix_fmt": PIXELS, "fps": rate}
     marks = {"channels": channels, "is_depth_map": False}
@@ -84,7 +84,7 @@ def _described(video: Video, rate: int) -> dict[str, Any]:
 
 
 def _vectors(episode: EpisodeSamples) -> dict[str, tuple[tuple[str, ...], NDArray]]:
-    """Return the vectors of an episode: names and values, array of shape (n_steps, n_values), by feature."""
+    """Return names and values of an episode's vectors, by feature. Values are arrays of shape (n_steps, n_values)."""
     poses = {} if episode.poses is None else {HANDS: episode.poses}
     return {
         STATE: (episode.state_names, episode.state),
@@ -95,7 +95,8 @@ def _vectors(episode: EpisodeSamples) -> dict[str, tuple[tuple[str, ...], NDArra
 
 
 class PictureStatistics(Statistics):
-    """Statistics of the colours of at most `most` pictures, as shares of the brightest; the number is theirs."""
+    """Statistics of the colours of at most `most` pictures. Colours are shares of the brightest; the count is that
+    of pictures."""
 
     def __init__(self, pictures: NDArray[np.uint8], most: int = 32):
         every = -(-len(pictures) // most)
@@ -104,13 +105,13 @@ class PictureStatistics(Statistics):
         self.squares, self.count = self.squares * len(chosen) / self.count, len(chosen)
 
     def plain(self) -> dict[str, list]:
-        """Return them by the names that LeRobot gives them, for arrays of shape (3, height, width)."""
+        """Return the statistics under LeRobot's names, shape (3, 1, 1)."""
         named = super().plain()
         return {key: values if key == "count" else [[[x]] for x in values] for key, values in named.items()}
 
 
 class _Videos:
-    """The videos of a camera while they are written: few files that hold many episodes."""
+    """Writer of a camera's videos into few files."""
 
     def __init__(self, folder: Path, key: str, rate: int):
         self.folder, self.key, self.rate = folder, key, rate
@@ -118,12 +119,12 @@ class _Videos:
         self.file: VideoFile | None = None
 
     def close(self) -> None:
-        """Complete the file that is written."""
+        """Complete the current file."""
         if self.file is not None:
             self.file.close()
 
     def add(self, video: Video) -> dict[str, Any]:
-        """Write the video of an episode; return where it is, by the columns of the table of episodes."""
+        """Write an episode's video; return its place as table columns."""
         file = self.file
         if file is None or file.size > VIDEO_MB * 1_000_000 or not file.takes(video):
             file = self._next_file(video)
@@ -134,7 +135,7 @@ class _Videos:
         return {f"videos/{self.key}/{name}": value for name, value in (place | time).items()}
 
     def _next_file(self, video: Video) -> VideoFile:
-        """Complete the file, and begin the next one."""
+        """Complete the current file, and start the next one."""
         self.close()
         self.index += 1
         place = {"chunk_index": self.index // CHUNK, "file_index": self.index % CHUNK}
@@ -145,5 +146,4 @@ class _Videos:
 
 
 def _cell(value: Any) -> Any:
-    """Return a value as a column can hold it: nested data as JSON."""
     return json.dumps(value, allow_nan=False) if isinstance(value, (dict, list)) else value

@@ -1,11 +1,13 @@
-"""Episodes as MCAP files, one each, with messages of ROS 2: what ROS, Foxglove and comove read.
+"""Episodes as MCAP files with ROS 2 messages, one file each.
 
-| topic | type | what |
+ROS, Foxglove and comove read them.
+
+| topic | type | content |
 |---|---|---|
-| ``/HAND/point`` | PointStamped | a hand, planar ones at z = 0 [m] |
-| ``/load/pose`` | PoseStamped | the load's frame; ``/load1``, ... where hands move as several bodies [m] |
+| ``/HAND/point`` | PointStamped | an end effector, planar ones at z = 0 [m] |
+| ``/load/pose`` | PoseStamped | the payload's frame; ``/load1``, ... where end effectors move as several bodies [m] |
 | ``/NAME/point`` | PointStamped | centre of an obstacle by its name, of others ``/obstacle0/point``, ... [m] |
-| ``/CAMERA/image/compressed`` | CompressedImage | what a camera saw, as JPEG |
+| ``/CAMERA/image/compressed`` | CompressedImage | picture of a camera, as JPEG |
 | ``/comove/about`` | String | JSON: scene, seed, checksums and certified figures |
 """
 
@@ -32,7 +34,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     DemonstrationError
         If rosbags is not installed.
     ResultError
-        If the name of a hand is no name in ROS, or that of another topic.
+        If the name of an end effector is no name in ROS, or that of another topic.
     """
     count = 0
     for episode in episodes:
@@ -53,7 +55,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
 
 
 def _jpegs(name: str, episode: EpisodeSamples, quality: int = 92) -> list[bytes]:
-    """Return what a camera saw as JPEG files, one a sample."""
+    """Return a camera's pictures as JPEG files, one a sample."""
     from PIL import Image
 
     files = []
@@ -65,7 +67,7 @@ def _jpegs(name: str, episode: EpisodeSamples, quality: int = 92) -> list[bytes]
 
 
 def movements_of(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]:
-    """Yield the movements of hands, bodies that several of them hold, and obstacles, with their names."""
+    """Yield names and movements of end effectors, held bodies and obstacles."""
     scene, time, position = episode.scene, episode.time, spatial(episode.position)
     for hand, name in enumerate(scene.manipulators):
         yield name, RecordedSamples(time, position[:, hand])

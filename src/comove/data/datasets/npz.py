@@ -18,8 +18,8 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     The arrays are ``time (T,)`` [s], ``manipulators (N,)``, ``position`` and ``action (T, N, n_dims)`` [m],
     ``environment (T, K)`` [m] with ``environment_names (K,)``, and ``about``, JSON: scene, seed, checksums and
     certified figures. Of a robot there are also ``joint_names (J,)``, ``joint_position`` and ``joint_action (T, J)``
-    [rad or m], and ``orientation (T, N, 4)``, the hands' quaternions w x y z; of cameras ``CAMERA_image (T, height,
-    width, 3)``.
+    [rad or m], and ``orientation (T, N, 4)``, the end effectors' quaternions w x y z; of cameras ``CAMERA_image (T,
+    height, width, 3)``.
     """
     count = 0
     for episode in episodes:

@@ -1,10 +1,10 @@
 """Episodes as one HDF5 file in robomimic's layout.
 
-`obs/robot0_eef_pos`, `obs/robot1_eef_pos`, ... are the hands, planar ones at z = 0, `actions` the hands at the next
-sample, and `obs/object` is the goal of the hands and the centres of the obstacles [m]. Of a robot there are also
-`obs/robot0_eef_quat` (x y z w) and `obs/robot0_joint_pos`, and `actions` are the planned joints of all arms at the
-next sample [rad]. Cameras are `obs/CAMERA_image`, RGB in bytes. The attribute `comove` of an episode is JSON of all
-that is known of it.
+`obs/robot0_eef_pos`, `obs/robot1_eef_pos`, ... are the end effectors, planar ones at z = 0, `actions` the end
+effectors at the next sample, and `obs/object` is their goal and the centres of the obstacles [m]. Of a robot there
+are also `obs/robot0_eef_quat` (x y z w) and `obs/robot0_joint_pos`, and `actions` are the planned joints of all arms
+at the next sample [rad]. Cameras are `obs/CAMERA_image`, RGB in bytes. The attribute `comove` of an episode is JSON
+of all its other data.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
     DemonstrationError
         If h5py is not installed.
     ResultError
-        If the episodes differ in hands or obstacles.
+        If the episodes differ in end effectors or obstacles.
     """
     count, first, data, total = 0, None, None, 0
     with robomimic_file(path) as root:
@@ -53,7 +53,7 @@ def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
 
 
 def _hands(episode: EpisodeSamples) -> list[RecordedSamples]:
-    """Return the hands in space, a robot's with their orientations."""
+    """Return the end effectors in space, a robot's with orientations."""
     position = spatial(episode.position)
     turned = None if episode.joints is None else episode.joints.orientation
     return [

@@ -1,4 +1,4 @@
-"""Verified episodes of a study as samples at an even rate, with the names that datasets give their columns."""
+"""Verified episodes as samples at an even rate, with column names."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ LEAST_RATE, USUAL_RATE, LARGEST_RATE = 1, 50, 1000
 
 @dataclass(frozen=True, eq=False)
 class EpisodeSamples:
-    """A verified episode, sampled at an even rate; the last sample is at rest at the goal.
+    """Verified episode at an even rate, at rest in its last sample.
 
     Attributes
     ----------
-    run : row of the episode in its store, with the figures of its motion verified anew
-    motion : the motion, verified anew
+    run : row of the episode in its run database, with measures of the motion verified again
+    motion : the motion, verified again
     rate : samples a second [Hz]
     joints : joints of the robot at the same samples; None without one
-    videos : what cameras saw of it, a picture at each sample, by their names
+    videos : videos of cameras, a picture at each sample, by camera name
     """
 
     run: StudyRun
@@ -69,7 +69,7 @@ class EpisodeSamples:
 
     @cached_property
     def position(self) -> Array:
-        """Return the hands, where a robot's joints place them; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+        """Return the end effectors, a robot's by its joints. Array, shape (n_steps, n_manipulators, n_dims) [m]."""
         if self.joints is not None:
             return self.joints.hands
         share = np.minimum(self.time / self.scene.duration, 1.0)
@@ -77,7 +77,7 @@ class EpisodeSamples:
 
     @cached_property
     def group_poses(self) -> HandPoses:
-        """Return the poses of the rigid groups, where a robot's joints place them; arrays, shape (n_steps, ...)."""
+        """Return the poses of the rigid groups, a robot's by its joints. Arrays, shape (n_steps, ...)."""
         motion, scene, grasp = self.motion.motion, self.scene, self.scene.grasp
         if self.joints is None and motion.coordinates.kind == "load":
             return poses_at(motion.coordinates, motion.at(np.minimum(self.time / scene.duration, 1.0))[0])
@@ -97,17 +97,17 @@ class EpisodeSamples:
 
     @property
     def action(self) -> Array:
-        """Return the hands at the next sample, at the last one those of the last; array like `position` [m]."""
+        """Return the end effectors at the next sample; array like `position` [m]. The last sample is repeated."""
         return np.concatenate([self.position[1:], self.position[-1:]])
 
     @property
     def state(self) -> Array:
-        """Return a robot's joints, else the hands; array, shape (n_steps, n_values) [rad or m]."""
+        """Return a robot's joints, else the end effectors. Array, shape (n_steps, n_values) [rad or m]."""
         return self.position.reshape(len(self.time), -1) if self.joints is None else self.joints.measured
 
     @property
     def command(self) -> Array:
-        """Return the state that is wanted at the next sample; array like `state`."""
+        """Return the commanded state of the next sample; array like `state`."""
         return self.action.reshape(len(self.time), -1) if self.joints is None else self.joints.wanted
 
     @cached_property
@@ -124,10 +124,8 @@ class EpisodeSamples:
 
     @property
     def poses(self) -> tuple[tuple[str, ...], Array] | None:
-        """Return a robot's hands with their quaternions w x y z: names, and array of shape (n_steps, n_values) [m].
-
-        Without a robot it is None: the hands are the state then.
-        """
+        """Return names and values of a robot's end-effector poses. Values are positions and quaternions w x y z,
+        shape (n_steps, n_values) [m]. Without a robot, return None: the end effectors are the state then."""
         if self.joints is None:
             return None
         names = tuple(f"{hand}_{axis}" for hand in self.scene.manipulators for axis in (*AXES, *QUATERNION))
@@ -136,12 +134,9 @@ class EpisodeSamples:
 
     @cached_property
     def environment(self) -> Array:
-        """Return the goal of the hands, the centres, sizes and turns of the obstacles, and the payload.
-
-        Array, shape (n_steps, n_values) [m]; angles [rad], quaternions w x y z, mass [kg] (0 where it is
-        not given), duration [s]. Every shape is described by the same
-        values, so that studies may draw shapes too.
-        """
+        """Return the goals, the obstacles' poses and sizes, and the payload. Array, shape (n_steps, n_values) [m];
+        angles [rad], quaternions w x y z, mass [kg] (0 where it is not given), duration [s]. Every shape is
+        described by the same values, so that studies may sample shapes too."""
         scene, n_steps = self.scene, len(self.time)
         centers = np.zeros((n_steps, 0))
         if scene.file.obstacles:
@@ -152,7 +147,7 @@ class EpisodeSamples:
 
     @cached_property
     def hand_names(self) -> tuple[str, ...]:
-        """Return the names of the hands' coordinates."""
+        """Return the names of the end effectors' coordinates."""
         axes = AXES[: self.scene.n_dims]
         return tuple(f"{hand}_{axis}" for hand in self.scene.manipulators for axis in axes)
 
@@ -175,7 +170,7 @@ class EpisodeSamples:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Return what is known of the episode: scene, seed, checksums and certified figures."""
+        """Return the episode's scene, seed, checksums and certified figures."""
         figures = {name: getattr(self.run, name) for name in MEASURES}
         names = ("number", "seed", "scene", "scene_sha256", "motion_sha256", "passing")
         contents = {"scene_file": json.loads(canonical(self.scene.file))}
@@ -186,23 +181,23 @@ class EpisodeSamples:
 def episodes_of(
     folder: Path, scenes: Path, rate: int | None = None, study: Study | None = None
 ) -> Iterator[EpisodeSamples]:
-    """Yield the verified episodes of a study, each verified anew, in the order of their numbers.
+    """Yield the verified episodes of a study, verified again, in order.
 
-    Their figures are those of this verification, whatever the store says.
+    Their figures are those of this verification, not those of the run database.
 
     Parameters
     ----------
     folder : folder of the study
     scenes : folder to which paths in the scenes are relative
-    rate : samples a second [Hz]; as `chosen_rate` says unless given
-    study : the study, each of whose scenes is drawn anew and must be that of the store; the store's own unless given
+    rate : samples a second [Hz]; by `chosen_rate` unless given
+    study : the study, whose scenes are sampled again and must equal those of the run database; that of the database
+        unless given
 
     Raises
     ------
     ResultError
-        If there is no study or no verified episode, or a motion was damaged or does not stand the check any more, or
-        is another one than the store says or on another scene than the study draws, or a robot's simulation does not
-        deliver its load any more.
+        If there is no study or no verified episode, a motion was damaged or fails the verification, a motion or scene
+        differs from the run database or the study, or a robot's simulation does not deliver its payload any more.
     OptionError
         If the rate is out of range, or not that of the cameras.
     """
@@ -228,11 +223,11 @@ def episodes_of(
 
 
 def chosen_rate(rate: int | None, cameras: Mapping[str, Any] | None) -> int:
-    """Return the samples a second of datasets: what is asked for, else those of the cameras, else `USUAL_RATE`.
+    """Return a dataset's samples a second. It is `rate`, else that of the cameras, else `USUAL_RATE`.
 
     Parameters
     ----------
-    cameras : what a study says of its cameras; None without them
+    cameras : settings of the study's cameras; None without them
     """
     taken = None if cameras is None else cameras["rate"]
     if rate is None:
@@ -267,7 +262,7 @@ def _videos(
 def _verified(
     motion: CoordinatedMotion, run: StudyRun, file: Path, study: Study | None = None
 ) -> VerifiedMotion:
-    """Return the motion of an episode, verified anew, if it is the one of its row and of its study."""
+    """Verify an episode's motion again, and check its checksums."""
     verdict = verify(motion)
     if verdict.verified is None:
         raise ResultError(
@@ -297,7 +292,8 @@ def _verified(
 
 
 def _solved_on(drawn: Scene, motion: CoordinatedMotion) -> Iterator[Scene]:
-    """Yield the scenes that a solution of a drawn scene may have: with what this leaves open filled in."""
+    """Yield the scenes that a solution of a sampled scene may have. The solution's duration and payload goal fill in
+    what the sampled scene leaves open."""
     hasty = drawn.file.objective is not None and drawn.file.objective.type == "least_time"
     if hasty or not drawn.is_timed:
         drawn = drawn.with_limits().timed(motion.scene.duration)
@@ -306,7 +302,7 @@ def _solved_on(drawn: Scene, motion: CoordinatedMotion) -> Iterator[Scene]:
 
 
 def _figures(verified: VerifiedMotion) -> dict[str, Any]:
-    """Return the certified measures of a motion and what follows from it, by the names in a row."""
+    """Return the certified measures of a motion, by column name."""
     motion, report = verified.motion, verified.report
     measures = ("clearance_min", "distance_error_max", "end_error", "speed_max", "acceleration_max")
     return {
@@ -319,7 +315,7 @@ def _figures(verified: VerifiedMotion) -> dict[str, Any]:
 
 
 def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:
-    """Refuse an episode whose columns are not those of the first, which one dataset could not hold."""
+    """Refuse an episode whose columns differ from those of the first."""
     for one, other in (
         (episode.state_names, first.state_names),
         (episode.environment_names, first.environment_names),

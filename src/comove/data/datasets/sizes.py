@@ -1,4 +1,4 @@
-"""Sizes of obstacles and payload, in the same values for every shape, as datasets say them."""
+"""Sizes of obstacles and payload, in equal values for every shape."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from comove.model.shapes import parts_of
 
 
 def obstacle_names(scene: Scene) -> list[str]:
-    """Return a different name for each obstacle: its own, or obstacle0, obstacle1, ... where it has none."""
+    """Return a unique name for each obstacle. Where it has none of its own, it is obstacle0, obstacle1, ..."""
     found = [obstacle.name or f"obstacle{i}" for i, obstacle in enumerate(scene.file.obstacles)]
     return [name if found.count(name) == 1 else f"obstacle{i}" for i, name in enumerate(found)]
 
 
 def obstacle_sizes(scene: Scene, time: Array) -> list[Array]:
-    """Return the extents of each obstacle along its own axes, and how it is turned.
+    """Return the extents of each obstacle along its axes, and orientation.
 
     Parameters
     ----------
@@ -42,10 +42,8 @@ def obstacle_sizes(scene: Scene, time: Array) -> list[Array]:
 
 
 def payload_size(scene: Scene) -> Array:
-    """Return the extents of the payload along its own axes, zeros without one; array, shape (n_dims,) [m].
-
-    Those of a mesh or frame are along the axes in which its hands hold it.
-    """
+    """Return the payload's extents along its own axes, else zeros. Array, shape (n_dims,) [m]. Those of a mesh or
+    frame are along the axes in which it is grasped."""
     load, n = scene.file.load, scene.n_dims
     if load is None:
         return np.zeros(n)

@@ -1,1 +1,1 @@
-"""The benchmark: frozen sets of scenes, each with a witness that it can be solved, and runs, reports, scaling."""
+"""Benchmark: frozen scenes with witnesses, runs, reports and scaling."""

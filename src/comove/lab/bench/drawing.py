@@ -1,11 +1,12 @@
-"""Scenes drawn around a movement, so that each is known to be feasible and the choice does not favour any planner.
+"""Scenes sampled around a movement, which proves them feasible.
 
-First the load is drawn, then the openings of the walls and an orientation in which the load fits each of them; then
-poses: the start, one before and one behind each wall, the goal; then walls around the openings; then clutter that
-stays clear of the volume swept by the load. Scenes that the judge does not accept are drawn again.
+The choice favours no planner. First the payload is sampled, then the openings of the walls and an orientation in
+which the payload fits each of them; then poses: the start, one before and one behind each wall, the goal; then walls
+around the openings; then clutter that stays clear of the volume swept by the payload. Scenes that fail the
+verification are sampled again.
 
-The movement, the witness, is a few poses of the load. Between two of them the load moves by minimum jerk, from rest
-to rest: its centre on the straight line, its orientation on the shortest turn. The duration of a segment is
+The movement, the witness, is a few poses of the payload. Between two of them the payload moves by minimum jerk, from
+rest to rest: its centre on the straight line, its orientation on the shortest rotation. The duration of a segment is
 proportional to its length.
 """
 
@@ -34,7 +35,7 @@ WHERE_NOTHING_MOVES = 1e-9  # m, added to the way of every segment of a witness
 
 @dataclass(frozen=True)
 class Difficulty:
-    """Ranges from which scenes are drawn.
+    """Ranges from which scenes are sampled.
 
     Attributes
     ----------
@@ -42,15 +43,15 @@ class Difficulty:
     width : width of an opening for a frame, in widths of the frame across its narrowest direction
     walls, clutter, manipulators : smallest and largest number
     thickness : thickness of walls [m]
-    corridor : distance between walls in addition to the space in which the load turns [m]
+    corridor : distance between walls in addition to the space in which the payload rotates [m]
     size : size of clutter [m]
     spare : smallest clearance of the witness [m]
     bar : length of bars [m]
-    radius : radius of loads in space [m]
-    height : size of the workspace across the way [m]
-    room : room besides the load where it turns [m]
-    ends : length of the workspace before the first wall and behind the last, besides what the load needs [m]
-    tries : places that are tried for an obstacle before a new beginning
+    radius : radius of payloads in space [m]
+    height : size of the workspace across the path [m]
+    room : room besides the payload where it rotates [m]
+    ends : length of the workspace before the first wall and behind the last, besides that of the payload [m]
+    tries : positions that are tried for an obstacle before a restart
     """
 
     ratio: Range
@@ -85,13 +86,13 @@ DIFFICULTIES = {
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """Poses that a load passes one after another, which show that a scene can be solved.
+    """Sequence of payload poses that proves a scene feasible.
 
     Attributes
     ----------
-    center : array, shape (n_poses, 3), origin of the load's frame, the middle of the hands [m]
-    quaternion : array, shape (n_poses, 4), w x y z; the load turns the shorter way from one to the next
-    held : array, shape (n_manipulators, 3), hands in the load's frame [m]
+    center : array, shape (n_poses, 3), origin of the payload's frame, the mean of the end effectors [m]
+    quaternion : array, shape (n_poses, 4), w x y z; the payload rotates the shorter way from one to the next
+    held : array, shape (n_manipulators, 3), end effectors in the payload's frame [m]
     """
 
     center: Array
@@ -100,7 +101,7 @@ class Witness:
 
     @classmethod
     def from_rows(cls, rows: list[list[float]], scene: Scene) -> Witness:
-        """Build a witness from poses in the format of files, in a scene that starts at the first of them.
+        """Build a witness from a file's poses, beginning at the scene's start.
 
         Parameters
         ----------
@@ -111,11 +112,11 @@ class Witness:
 
     @property
     def reach(self) -> float:
-        """Return the distance of the farthest hand from the centre [m]."""
+        """Return the distance of the farthest end effector from the centre [m]."""
         return float(np.linalg.norm(self.held, axis=1).max())
 
     def hands(self, n_samples: int = 801) -> Array:
-        """Return the hands at even times of the movement; array, shape (n_samples, n_manipulators, 3) [m]."""
+        """Return the end effectors at even times of the movement. Array, shape (n_samples, n_manipulators, 3) [m]."""
         turns = np.stack(
             [
                 logarithm(quaternion_product(conjugate(before), after))
@@ -133,13 +134,13 @@ class Witness:
         return center[:, None] + np.einsum("tij,nj->tni", rotation, self.held)
 
     def judged(self, scene: Scene) -> ExecutionReport:
-        """Return the judge's report on the witness, which covers the time between the samples too."""
+        """Return the continuous-time verification report on the witness."""
         hands = self.hands()[:, :, : scene.n_dims]
         return verify_execution(RecordSamples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
 
 
 def poses(rows: Array) -> tuple[Array, Array]:
-    """Return centres and quaternions of poses as files hold them; arrays, shapes (n_poses, 3) and (n_poses, 4)."""
+    """Return centres and quaternions of poses in a file's rows. Arrays, shapes (n_poses, 3) and (n_poses, 4)."""
     if rows.shape[1] == 7:
         return rows[:, :3], rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     zero, half = np.zeros(len(rows)), 0.5 * rows[:, 2]
@@ -148,7 +149,7 @@ def poses(rows: Array) -> tuple[Array, Array]:
 
 
 def drawn(name: str, difficulty: Difficulty, n_dims: int, seed: list[int]) -> tuple[dict[str, Any], Array]:
-    """Draw a scene, and return the contents of its scene file and the poses of its witness.
+    """Sample a scene; return its file contents and its witness's poses.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def drawn(name: str, difficulty: Difficulty, n_dims: int, seed: list[int]) -> tu
 
 
 class _Draft:
-    """A scene that is being drawn."""
+    """Scene during sampling."""
 
     def __init__(self, name: str, difficulty: Difficulty, n_dims: int, rng: np.random.Generator):
         self.name, self.difficulty, self.n_dims, self.rng = name, difficulty, n_dims, rng
@@ -180,7 +181,7 @@ class _Draft:
         self.length, self.rows = self._around_walls()
 
     def _around_walls(self) -> tuple[float, Array]:
-        """Draw the walls; return the length of the workspace [m] and the poses."""
+        """Sample the walls; return the workspace length [m] and the poses."""
         d, rng, aside = self.difficulty, self.rng, self.aside
         x, found = 2 * aside + d.ends + rng.uniform(*d.corridor), [self._end(aside)]
         for k in range(int(rng.integers(d.walls[0], d.walls[1] + 1))):
@@ -208,13 +209,14 @@ class _Draft:
         return [*center, *np.round(turn, 5)]
 
     def _opening(self) -> tuple[Array, Array, Array]:
-        """Draw an opening and an orientation in which the load fits it.
+        """Sample an opening and an orientation in which the payload fits.
 
         Returns
         -------
         opening : array, shape (n_dims - 1,), its sizes across the direction of travel [m]
-        turn : array, shape (4,), an orientation of the load
-        off : array, shape (n_dims - 1,), middle of the load's extent in this orientation, relative to its centre [m]
+        turn : array, shape (4,), an orientation of the payload
+        off : array, shape (n_dims - 1,), middle of the payload's extent in this orientation, relative to its centre
+            [m]
         """
         d, rng = self.difficulty, self.rng
         need = 2 * (self.radius + d.spare) + 0.001
@@ -237,7 +239,7 @@ class _Draft:
         raise AssertionError("the best pose fits")
 
     def _best(self, along: float, opening: Array) -> Array:
-        """Return an orientation in which the load is narrowest: along x, flat along the opening's narrow side."""
+        """Return an orientation of least width along x and the opening."""
         rng = self.rng
         turn = np.array([np.cos(along / 2), 0, 0, np.sin(along / 2)])
         flip = np.array([0.0, 0, 0, 1]) if rng.random() < 0.5 else np.array([1.0, 0, 0, 0])
@@ -270,7 +272,7 @@ class _Draft:
         )
 
     def feasible(self, obstacles: list[dict[str, Any]] | None = None) -> bool:
-        """Return whether the judge accepts the witness with a margin, among all obstacles or only the given ones."""
+        """Return whether the witness is verified with a margin. `obstacles` replaces those of the draft."""
         data = self.data()
         try:
             scene = Scene.from_dict(data if obstacles is None else data | {"obstacles": obstacles})
@@ -280,7 +282,7 @@ class _Draft:
         return not report.reasons and report.clearance_min >= self.difficulty.spare
 
     def cluttered(self) -> bool:
-        """Add clutter near the path but clear of it; return False if there is no room for it."""
+        """Add clutter clear of the path; return False without room for it."""
         d, rng = self.difficulty, self.rng
         scene = Scene.from_dict(self.data())
         swept = Witness.from_rows(self.rows.tolist(), scene).hands().mean(axis=1)[:, : self.n_dims]
@@ -298,7 +300,7 @@ class _Draft:
 
 
 def _held(rng: np.random.Generator, n_hands: int, bar: float) -> Array:
-    """Draw the hands in the load's frame, in its plane, around their middle: a bar, a triangle or a rectangle."""
+    """Sample the end effectors of a bar, triangle or rectangle."""
     if n_hands == 2:
         return np.array([[-bar / 2, 0.0, 0.0], [bar / 2, 0.0, 0.0]])
     long, wide = round(rng.uniform(0.16, 0.22), 3), round(rng.uniform(0.08, 0.13), 3)
@@ -310,7 +312,7 @@ def _held(rng: np.random.Generator, n_hands: int, bar: float) -> Array:
 
 
 def _narrowest(held: Array) -> tuple[float, float]:
-    """Return the least width of the load across x [m], and the angle about z at which it is so narrow [rad]."""
+    """Return the payload's least width across x [m], and its angle. The angle is about z [rad]."""
     angles = np.linspace(-np.pi, np.pi, 721)
     across = held[:, 0] * np.sin(angles)[:, None] + held[:, 1] * np.cos(angles)[:, None]
     widths = np.ptp(across, axis=1)
@@ -318,7 +320,7 @@ def _narrowest(held: Array) -> tuple[float, float]:
 
 
 def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
-    """Draw a random rotation by at most `most` [rad], about z in the plane; array, shape (4,)."""
+    """Sample a rotation by at most `most` [rad]; array, shape (4,). In the plane it is about z."""
     if n_dims == 2:
         return exponential(np.array([0.0, 0.0, rng.uniform(-most, most)]))
     if most == np.pi:
@@ -329,7 +331,7 @@ def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
 
 
 def _wall(x: float, thickness: float, at: Array, opening: Array, height: float) -> list[dict[str, Any]]:
-    """Return boxes that form a wall across x with an opening around `at`, in numbers that a file can hold."""
+    """Return boxes of a wall across x with an opening around `at`. Numbers are rounded for files."""
     low, high = np.round(at - opening / 2, 4), np.round(at + opening / 2, 4)
     return [
         box | {key: [round(value, 5) for value in box[key]] for key in ("center", "size")}
@@ -338,7 +340,7 @@ def _wall(x: float, thickness: float, at: Array, opening: Array, height: float) 
 
 
 def clutter(rng: np.random.Generator, center: Array, size: float) -> dict[str, Any]:
-    """Draw a sphere, a rotated box, or a rotated capsule."""
+    """Sample a sphere, a rotated box, or a rotated capsule."""
     shape = str(rng.choice(["sphere", "box", "capsule"]))
     found: dict[str, Any] = {"shape": shape, "center": center.tolist()}
     if shape == "sphere":

@@ -1,4 +1,4 @@
-"""Reports on a store of runs: tables and pictures, by set and system, and the runs that are missing."""
+"""Reports on a run database: tables, figures, and missing runs."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class Standing:
-    """Holds the results of a system on a set.
+    """Results of a system on a set.
 
     Attributes
     ----------
-    set, system : names; with budget and versions if a store holds several
+    set, system : names; with budget and versions if a database holds several
     runs : runs that ended and were not refused
     refused : number of scenes for which the system is not made
     best : the best cost known, by scene
@@ -82,7 +82,8 @@ class Standing:
 
     @property
     def success(self) -> Interval:
-        """Return the share of verified runs with an interval: Wilson's, or over scenes with several seeds each."""
+        """Return the share of verified runs with an interval. It is Wilson's, or over scenes with several seeds
+        each."""
         shares = defaultdict(list)
         for run in self.runs:
             shares[run.configuration.scene].append(run.status == "verified")
@@ -95,12 +96,12 @@ class Standing:
         return run.history[0][0] if run.history else np.inf
 
     def near_best(self, run: Run, within: float = 0.05) -> float:
-        """Return the time to a verified motion within a share of the best cost known [s]; infinite if none is."""
+        """Return the time to a cost near the best [s], or infinity."""
         best = self.best.get(run.configuration.scene, np.inf)
         return next((seconds for seconds, cost in run.history if cost <= (1.0 + within) * best), np.inf)
 
     def cost_ratio(self, run: Run) -> float:
-        """Return the final cost divided by the best known; infinite if the final motion is not verified."""
+        """Return the final cost divided by the best known; infinite if unverified."""
         if run.status != "verified" or run.figures.cost is None:
             return np.inf
         return run.figures.cost / self.best[run.configuration.scene]
@@ -112,7 +113,7 @@ class Standing:
 
 
 def standings(runs: Sequence[Run]) -> list[Standing]:
-    """Return the standings by set, then by system, in the order in which they first appear."""
+    """Return the standings by set and system, in order of appearance."""
     best: dict[tuple[str, str], float] = defaultdict(lambda: np.inf)
     for run in runs:
         c = run.configuration
@@ -133,7 +134,7 @@ def standings(runs: Sequence[Run]) -> list[Standing]:
 
 
 def _labels(runs: Iterable[Run]) -> Callable[[Run], str]:
-    """Return a function that names the system of a run, with budget and versions if the store holds several."""
+    """Return a function that names a run's system, unique in the database."""
     all_of = [run.configuration for run in runs]
     versions, budgets = {c.version for c in all_of}, {c.budget for c in all_of}
     tools = defaultdict(set)
@@ -152,7 +153,7 @@ def _labels(runs: Iterable[Run]) -> Callable[[Run], str]:
 
 
 def paired_ratio(one: dict[str, float], other: dict[str, float]) -> tuple[Interval, int]:
-    """Return the median of one / other over the scenes where both are finite, and the number of these scenes."""
+    """Return the median of one / other, and the number of scenes. The scenes are those where both are finite."""
     one, other = _finite(one), _finite(other)
     ratios = [one[scene] / other[scene] for scene in one if other.get(scene, 0.0) > 0.0]
     return median_interval(ratios), len(ratios)
@@ -183,7 +184,7 @@ def write_report(store: RunStore, folder: str | Path) -> str:
 
 
 def missing_of(store: RunStore, runs: Sequence[Run]) -> list[str]:
-    """Return a line for each set and system with planned runs that have not ended."""
+    """Return lines on sets and systems with missing runs."""
     ended = {run.configuration.key for run in runs}
     planned: Counter[tuple[str, str]] = Counter()
     missing: dict[tuple[str, str], list[Configuration]] = defaultdict(list)
@@ -264,7 +265,7 @@ def _figure_table(of_set: Sequence[Standing]) -> str:
 
 
 def _against_table(of_set: Sequence[Standing]) -> str:
-    """Return a table that compares every other system with the reference, scene by scene; empty without one."""
+    """Return a table of systems against the reference, scene by scene. It is empty without a reference."""
     reference = next((s for s in of_set if s.system.split(",")[0] == REFERENCE), None)
     others = [s for s in of_set if s is not reference]
     if reference is None or not others:
@@ -289,7 +290,7 @@ def _against_table(of_set: Sequence[Standing]) -> str:
 
 
 def _failures(of_set: Sequence[Standing], most: int = 12) -> list[str]:
-    """Return a line for each run that is not verified, `most` for each system."""
+    """Return a line for each unverified run, `most` per system."""
     lines = []
     for s in of_set:
         failed = [run for run in s.runs if run.status != "verified"]
@@ -323,7 +324,7 @@ def _number(value: float) -> str:
 
 
 def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
-    """Draw the share of runs with a verified motion against time, one panel for each set (a cactus plot, turned).
+    """Draw the share of verified runs against time, by set. It is a cactus plot with swapped axes.
 
     Parameters
     ----------
@@ -338,8 +339,7 @@ def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
 
 
 def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
-    """Draw the share of runs whose ratio of final cost to the best known cost is below a limit, one panel for each
-    set.
+    """Draw the share of runs below a cost ratio, by set. The ratio is that of the final cost to the best known.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
 
 
 def _draw_below(values: Mapping[str, Mapping[str, Array]], least: float, most: float) -> Figure:
-    """Draw the share of runs whose value is below a limit between `least` and `most`, one panel for each set."""
+    """Draw the share of runs below a limit, one panel a set."""
     names = list(dict.fromkeys(name for of in values.values() for name in of))
     figure = new_figure(4.2 * len(values) + 0.6, 4.0)
     panels = figure.subplots(1, len(values), squeeze=False, sharey=True)[0]

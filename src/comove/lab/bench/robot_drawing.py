@@ -1,8 +1,8 @@
-"""Scenes for robots, drawn around a motion of their joints, so that each is known to be feasible.
+"""Robot scenes sampled around a joint motion, which proves them feasible.
 
-First poses of the load are drawn, from start to goal, and a motion along them, which arms follow and the verification
-accepts among nothing; then obstacles in the way of the straight motion and near the volume that is swept, each of
-which leaves the motion its clearance. No planner and no smoothing has a part in it, so that none is favoured.
+First poses of the payload are sampled, from start to goal, and a motion along them, which arms follow and which is
+verified without obstacles; then obstacles that block the straight motion and lie near the swept volume, each of
+which leaves the motion its clearance. No planner and no smoothing is involved, so that none is favoured.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ RIDGE, STEADY = 2, -1  # of the fits of `seeds.fit`: which damping and which pro
 
 @dataclass(frozen=True, eq=False)
 class JointWitness:
-    """A motion of the load, and of a robot's joints that carry it.
+    """Motion of the payload, with a robot's joints.
 
     Attributes
     ----------
-    weights : array, shape (n_columns, N_BASIS), of the load's motion in load coordinates
+    weights : array, shape (n_columns, N_BASIS), of the payload's motion in load coordinates
     position : array, shape (n_steps, n_joints), joints at even times [rad, m for prismatic joints]
     """
 
@@ -44,13 +44,13 @@ class JointWitness:
     position: Array
 
     def motion(self, scene: Scene) -> CoordinatedMotion:
-        """Return the motion of the load in a scene with the ends that it was made for."""
+        """Return the payload's motion in a scene with the witness's ends."""
         coordinates = load_coordinates(scene)
         boundary, basis = coordinates.boundary(), motion_basis(N_BASIS, "jerk")
         return CoordinatedMotion(scene, coordinates, basis, boundary, self.weights)
 
     def judged(self, scene: Scene, *, slack: float = 0.0) -> JointVerdict:
-        """Return the judge's verdict on the witness, at every instant; `slack` as in `verify_joints`."""
+        """Return the witness's verification in continuous time. `slack` is as in `verify_joints`."""
         robot = robot_of(scene)
         time = np.linspace(0.0, scene.duration, len(self.position))
         joints = JointMotion(time, robot.joint_names, self.position)
@@ -60,7 +60,7 @@ class JointWitness:
 def drawn(
     name: str, difficulty: RobotDifficulty, place: Workplace, seed: list[int]
 ) -> tuple[dict[str, Any], JointWitness]:
-    """Draw a scene, and return the contents of its scene file and its witness.
+    """Sample a scene; return its file contents and its witness.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def drawn(
 
 
 class RobotDraft:
-    """A scene that is being drawn."""
+    """Scene during sampling."""
 
     def __init__(self, name: str, difficulty: RobotDifficulty, place: Workplace, rng: np.random.Generator):
         self.name, self.difficulty, self.place, self.rng = name, difficulty, place, rng
@@ -88,7 +88,7 @@ class RobotDraft:
                 break
 
     def _pose(self) -> Array:
-        """Draw the hands on a bar somewhere in the workspace; array, shape (2, 3) [m]."""
+        """Sample the end effectors on a bar; array, shape (2, 3) [m]."""
         p, d, rng = self.place, self.difficulty, self.rng
         heading, tilt = rng.uniform(-d.turn, d.turn), self.tilt
         along = np.array([-np.sin(heading) * np.cos(tilt), np.cos(heading) * np.cos(tilt), np.sin(tilt)])
@@ -97,7 +97,7 @@ class RobotDraft:
         return middle + 0.5 * p.length * np.array([along, -along])
 
     def data(self, first: int = 0, last: int = -1) -> dict[str, Any]:
-        """Return the contents of the scene's file, from one of the poses to another."""
+        """Return the scene file's contents, from one pose to another."""
         p = self.place
         hands = zip(p.hands, self.poses[first].round(10), self.poses[last].round(10), strict=True)
         return {
@@ -113,7 +113,7 @@ class RobotDraft:
         }
 
     def moved(self) -> JointWitness | None:
-        """Return a motion along the poses, among nothing; None where arms cannot follow it."""
+        """Return a motion along the poses without obstacles. Return None where arms cannot follow it."""
         scene = Scene.from_dict(self.data())
         coordinates, carrier = load_coordinates(scene), RobotCarrier(robot_of(scene), scene)
         try:
@@ -142,7 +142,7 @@ class RobotDraft:
         return witness.judged(scene.limited(clearance=self.difficulty.spare), slack=1.0).verified is not None
 
     def obstructed(self, witness: JointWitness) -> bool:
-        """Add obstacles; return False if there is no room for them, or the straight motion is still possible."""
+        """Add obstacles; return whether they fit and block the straight motion."""
         d, free = self.difficulty, Scene.from_dict(self.data())
         straight, swept = CoordinatedMotion.straight(free), witness.motion(free)
         for k in range(int(self.rng.integers(d.obstacles[0], d.obstacles[1] + 1))):
@@ -153,7 +153,7 @@ class RobotDraft:
         return self._clear(witness, Scene.from_dict(self.data()))
 
     def _placed(self, motion: CoordinatedMotion, witness: JointWitness) -> bool:
-        """Place an obstacle beside the bar in a motion, as near to it as the witness allows."""
+        """Place an obstacle near the bar, as close as the witness allows."""
         for _ in range(self.difficulty.tries):
             point, away, obstacle = self._obstacle(motion)
             for apart in self.difficulty.step * np.arange(self.difficulty.n_steps):
@@ -171,7 +171,7 @@ class RobotDraft:
         return False
 
     def _obstacle(self, motion: CoordinatedMotion) -> tuple[Array, Array, dict[str, Any]]:
-        """Draw a point of the bar in a motion, a direction away from it, and an obstacle."""
+        """Sample a bar point of the motion, a direction, and an obstacle."""
         p, rng = self.place, self.rng
         hands = motion.hands(rng.uniform(0.2, 0.8, 1))[0, 0]
         point = hands[0] + rng.uniform() * (hands[1] - hands[0])

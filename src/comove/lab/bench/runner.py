@@ -1,4 +1,4 @@
-"""Runs of the benchmark, each in a process of a pool, none of them run twice, none of them lost.
+"""Runs of the benchmark in a pool, none repeated or lost.
 
 A row is written as its run ends, so everything may be killed at any time: the same call continues. A run that has
 killed its process `KILLS` times is marked, and the rest continues.
@@ -32,7 +32,7 @@ from comove.processes.worker import told
 
 @dataclass(frozen=True)
 class BenchJob:
-    """A run that is to be done.
+    """Run to be done.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class BenchJob:
 def jobs_of(
     scenes: list[BenchScene], systems: Mapping[str, System], seeds: int = 1, budget: float = 10.0
 ) -> list[BenchJob]:
-    """Return the jobs for every scene with every system and the seeds from 0 on.
+    """Return the jobs for all scenes, systems and seeds from 0.
 
     Raises
     ------
@@ -80,11 +80,11 @@ def run_all(
     workers: int = 1,
     tell: Callable[[StudyProgress], None] = lambda progress: None,
 ) -> StudyProgress:
-    """Do the jobs that are not in a store yet.
+    """Do the jobs that a run database lacks.
 
     Parameters
     ----------
-    path : path of the store, which is made if it does not exist
+    path : path of the database, which is made if it does not exist
     workers : number of processes at a time
     tell : function called at the beginning and after every run
 
@@ -93,7 +93,7 @@ def run_all(
     OptionError
         If there are no jobs or no workers.
     ResultError
-        If another file is in the store's place, another process works on it, or it cannot be written.
+        If the path holds another file, another process writes to it, or it cannot be written.
     """
     if not jobs:
         raise OptionError("there is nothing to run", way_out="name a set and a system")
@@ -123,7 +123,7 @@ def run_all(
 
 
 def _scenes(jobs: list[BenchJob]) -> Iterator[Scene]:
-    """Yield the scenes of jobs but those that cannot be read, of which their runs tell."""
+    """Yield the readable scenes of jobs; other runs report the errors."""
     for path in dict.fromkeys(job.path for job in jobs):
         with suppress(SceneError), warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
@@ -131,7 +131,7 @@ def _scenes(jobs: list[BenchJob]) -> Iterator[Scene]:
 
 
 def run(job: BenchJob) -> Run:
-    """Do a job and judge it; returns its row, whatever happens."""
+    """Do a job, verify it, and return its row despite any error."""
     started = datetime.now(UTC)
     try:
         status, message, outcome = _outcome(job)
@@ -163,7 +163,7 @@ def _outcome(job: BenchJob) -> tuple[str, str, SystemOutcome | None]:
 
 
 def _failed(ended: TaskResult[BenchJob, Run]) -> Run:
-    """Return the row of a run that made none: its process was killed, or it could not be handed out."""
+    """Return the row of a run that was killed or never started."""
     status, reasons = lost(ended) if ended.killed or ended.late else ("error", (ended.error,))
     return _row(ended.task, status, reasons[0], datetime.now(UTC))
 
@@ -182,7 +182,7 @@ def _row(
 
 @lru_cache(maxsize=1)
 def machine() -> Machine:
-    """Return the description of the machine that runs this process."""
+    """Return the description of this machine."""
     cpu = platform.processor() or platform.machine()
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")

@@ -1,9 +1,10 @@
-"""Growth of times with the number of manipulators, basis functions, time steps and obstacles, and with difficulty.
+"""Scaling of times with problem size and difficulty.
 
-Two times are measured: that of one generation of the search (rollouts of a population and their evaluation), which is
-repeated in a search, and that of a whole `solve`, which also depends on planning, certificates and chance. For each
-an exponent e is fitted, ``time ~ x^e``, once over all points and once over the larger half of them, where constant
-parts weigh less. All times are processor times, so that other work on the machine has little influence.
+Manipulators, basis functions, time steps and obstacles vary. Two times are measured: that of one generation of the
+search (rollouts of a population and their evaluation), which is repeated in a search, and that of a whole `solve`,
+which also depends on planning, certificates and chance. For each an exponent e is fitted, ``time ~ x^e``, once over
+all points and once over the larger half of them, where constant parts weigh less. All times are processor times, so
+that other work on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ POPULATION = 16  # candidates of a generation, as the report says
 
 
 class Case(NamedTuple):
-    """A point of a curve: a scene, the size of the basis, and the number of samples in time."""
+    """Point of a curve: scene, basis size, and number of samples."""
 
     scene: Scene
     n_basis: int = 30
@@ -48,7 +49,7 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class SceneFamily:
-    """A family of scenes in which one quantity grows.
+    """Family of scenes in which one quantity grows.
 
     Attributes
     ----------
@@ -95,13 +96,13 @@ class ScalingCurve:
 
     @property
     def exponent_end(self) -> Interval:
-        """Return the exponent over the larger half of the points, including the one in the middle."""
+        """Return the exponent over the larger half of the points. The middle point is included."""
         half = (len(self.x) - 1) // 2
         return slope_interval(self.x[half:], self.times[half:])
 
     @property
     def verdict(self) -> str:
-        """Return whether the target is met, over all points and over the larger half of them, in a word."""
+        """Return in a word whether both exponents meet the target."""
         if self.target is None:
             return "-"
         fits = self.exponent, self.exponent_end
@@ -111,12 +112,12 @@ class ScalingCurve:
 
 
 def ring_scene(n_hands: int = 3, n_obstacles: int = 10, radius: float = 0.1, free: float = 0.2) -> Scene:
-    """Return a scene in space with a ring of rods held by all hands (a bar by two), among small spheres.
+    """Return a spatial scene with a ring (or bar) among spheres.
 
     Parameters
     ----------
     radius : radius of the ring [m]
-    free : radius of the tube around the straight way that is free of obstacles [m]
+    free : radius of the tube around the straight path that is free of obstacles [m]
     """
     angles = 2 * np.pi * np.arange(n_hands) / n_hands
     ring = radius * np.stack([0 * angles, np.cos(angles), np.sin(angles)], axis=1)
@@ -135,7 +136,7 @@ def ring_scene(n_hands: int = 3, n_obstacles: int = 10, radius: float = 0.1, fre
 
 
 def gap_scene(ratio: float) -> Scene:
-    """Return a planar scene: a bar of 0.2 m, across its path at both ends, and a gap of `ratio` bar lengths."""
+    """Return a planar scene of a 0.2 m bar and a gap. The gap is `ratio` bars wide."""
     half = 0.1 * ratio
     ends = [np.array([[x, 0.4], [x, 0.6]]) for x in (0.15, 0.85)]
     walls = wall(0.5, 0.05, np.array([0.5 - half]), np.array([0.5 + half]))
@@ -200,11 +201,11 @@ def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[
 
 
 def generation_times(case: Case, repeats: int, least: float = 0.02) -> list[float]:
-    """Measure the time of rollouts of a population and their evaluation [s], several times.
+    """Measure the time of a population's rollouts and evaluation [s].
 
     Parameters
     ----------
-    least : time that a measurement takes at least [s]
+    least : least time of a measurement [s]
     """
     scene, coordinates = case.scene, load_coordinates(case.scene)
     basis, objective = motion_basis(case.n_basis, "velocity"), Objective(scene, coordinates)
@@ -249,7 +250,7 @@ def write_scaling(
 
 
 def draw_growth(curves: Sequence[ScalingCurve]) -> Figure:
-    """Draw times against what grows with the fitted power law, on logarithmic axes, a panel for each curve."""
+    """Draw times and fitted power laws on logarithmic axes. Each curve has a panel."""
     columns = min(4, len(curves))
     rows = -(-len(curves) // columns)
     figure = new_figure(3.4 * columns, 3.0 * rows)

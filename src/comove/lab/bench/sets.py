@@ -1,4 +1,4 @@
-"""The frozen sets of scenes, for hands and for robots, and functions that draw and write them."""
+"""Frozen sets of scenes, and functions that sample and write them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ HEAD = """\
 
 @dataclass(frozen=True)
 class BenchScene:
-    """A scene of a set.
+    """Scene of a set.
 
     Attributes
     ----------
@@ -63,13 +63,13 @@ class BenchScene:
 
 @dataclass(frozen=True)
 class SceneSet(ABC):
-    """A set of scenes of equal difficulty.
+    """Set of scenes of equal difficulty.
 
     Attributes
     ----------
     name : name of the set
-    number : number of the set, which goes into the seeds of its scenes
-    kinds : kinds of scenes, which take turns
+    number : number of the set, which enters the seeds of its scenes
+    kinds : kinds of scenes, which alternate
     count : number of frozen scenes
     """
 
@@ -84,30 +84,28 @@ class SceneSet(ABC):
         return Path(str(files("comove") / "lab" / "sets" / self.name))
 
     def draw(self, index: int, seed: int = 0) -> tuple[dict[str, Any], Any]:
-        """Draw a scene; return the contents of its file, and its witness as `keep` takes it; the frozen ones have
-        the seed 0.
-        """
+        """Sample a scene; return its file contents and its witness. The frozen scenes have the seed 0."""
         turn, kind = divmod(index, len(self.kinds))
         return self._drawn(f"{self.kinds[kind]}-{turn:02d}", self.kinds[kind], [seed, self.number, index])
 
     @abstractmethod
     def _drawn(self, name: str, kind: str, seed: list[int]) -> tuple[dict[str, Any], Any]:
-        """Draw a scene of a kind."""
+        """Sample a scene of a kind."""
 
     @abstractmethod
     def keep(self, folder: Path, witnesses: Mapping[str, Any]) -> None:
-        """Write the witnesses of scenes, by name, into the folder of the scenes."""
+        """Write the witnesses of scenes, by name, into their folder."""
 
 
 @dataclass(frozen=True)
 class HandSet(SceneSet):
-    """Scenes of hands alone, planar and spatial in turn; a witness is the poses that the load passes."""
+    """Scenes of end effectors alone, planar and spatial in turn. A witness is the sequence of payload poses."""
 
     def _drawn(self, name: str, kind: str, seed: list[int]) -> tuple[dict[str, Any], Array]:
         return drawn(name, DIFFICULTIES[self.name], 3 if kind == "spatial" else 2, seed)
 
     def keep(self, folder: Path, witnesses: Mapping[str, Array]) -> None:
-        """Write the poses of all scenes into one file, a line each."""
+        """Write the poses of all scenes into one file."""
         lines = [
             f"{name}: [{', '.join(flow(row) for row in rows.tolist())}]\n" for name, rows in witnesses.items()
         ]
@@ -148,14 +146,14 @@ SETS: dict[str, SceneSet] = {
 
 
 def set_named(name: str) -> SceneSet:
-    """Return the set of a name."""
+    """Return the set with a name."""
     if name not in SETS:
         raise OptionError(f"there is no set '{name}'", key="set", way_out=near_name(name, SETS))
     return SETS[name]
 
 
 def scenes_of(name: str, count: int | None = None) -> list[BenchScene]:
-    """Return the scenes of a frozen set, their kinds in turn, or only the first `count`.
+    """Return a frozen set's scenes, or only the first `count`. Their kinds alternate.
 
     Raises
     ------
@@ -175,7 +173,7 @@ def scenes_of(name: str, count: int | None = None) -> list[BenchScene]:
 
 
 def own_scenes(paths: Iterable[Path]) -> list[BenchScene]:
-    """Return scenes of one's own: files, and all scene files of folders; each is read once.
+    """Return the user's scenes: files, and all scene files in folders. Each is read once.
 
     Raises
     ------
@@ -205,7 +203,7 @@ def own_scenes(paths: Iterable[Path]) -> list[BenchScene]:
 
 
 def draw_set(name: str, folder: Path, count: int | None = None, seed: int = 0) -> int:
-    """Draw a set and write it to a folder: a file per scene, and the witnesses; return the number of scenes.
+    """Sample a set and write it to a folder; return its count. Each scene has a file; the witnesses are written too.
 
     Raises
     ------
@@ -229,7 +227,7 @@ def draw_set(name: str, folder: Path, count: int | None = None, seed: int = 0) -
 
 
 def scene_text(data: dict[str, Any]) -> str:
-    """Return the contents of a scene file as YAML, with a line per obstacle and per manipulator."""
+    """Return a scene file as YAML, one line per obstacle or manipulator."""
     lines = ["version: 1"]
     for key, value in data.items():
         if isinstance(value, list):

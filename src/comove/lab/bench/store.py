@@ -1,4 +1,4 @@
-"""Runs of the benchmark, and their store."""
+"""Runs of the benchmark, and their database."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Configuration:
 
 @dataclass(frozen=True)
 class Machine:
-    """Machine on which a run takes place: model of the processor, number of its cores, version of Python."""
+    """Machine of a run: processor model, core count, and Python version."""
 
     cpu: str
     cores: int
@@ -63,10 +63,10 @@ class Figures:
     seconds : processor time until the system ended [s]
     first_verified : processor time until the first verified offer [s]
     cost : J of equation (4) in unit duration, of the last offer, like all that follows
-    path_length : length of the paths of all hands together [m]
+    path_length : total length of all end effectors' paths [m]
     acceleration_max : largest acceleration, from step to step [m/s^2]
     jerk_max : largest jerk, from step to step [m/s^3]
-    jerk_ratio : integrated squared jerk of all hands, divided by that of straight motions of minimum jerk
+    jerk_ratio : integrated squared jerk of all end effectors, divided by that of straight motions of minimum jerk
     duration : duration of the motion [s]
     distance_error_max : largest error of a distance [m]
     clearance_min : certified clearance [m]
@@ -86,7 +86,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Run:
-    """A run that has ended, with its outcome.
+    """Run that has ended, with its result.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Run:
 
     @classmethod
     def of_row(cls, row: tuple) -> Run:
-        """Build a run from its row, or raise ValueError if it is not what was run."""
+        """Build a run from its row, or raise `ValueError` if edited."""
         values = iter(row)
 
         def part(kind: type[Field]) -> Field:
@@ -137,17 +137,17 @@ _WHAT = {"key": "str"} | kinds_of(Configuration)
 
 
 class RunWriter(Writer[Run]):
-    """Writes runs of the benchmark into an open store."""
+    """Writer of benchmark runs to an open database."""
 
     def plan(self, configurations: Iterable[Configuration]) -> None:
-        """Note the configurations that are to be run, so that a report can list the missing ones."""
+        """Store the planned configurations, so that reports list missing ones."""
         self._insert("planned", *((c.key, *astuple(c)) for c in configurations))
         self._connection.commit()
 
 
 @dataclass(frozen=True)
 class RunStore(Store[Run, RunWriter]):
-    """A store of runs of the benchmark."""
+    """Database of benchmark runs."""
 
     APPLICATION = 0x636F6D76  # "comv", in the header of the file
     RUN = Run
@@ -162,7 +162,7 @@ class RunStore(Store[Run, RunWriter]):
     WRITER = RunWriter
 
     def planned(self) -> list[Configuration]:
-        """Return the configurations that were to be run."""
+        """Return the planned configurations."""
         with self.connected(reading=True) as connection:
             rows = connection.execute("SELECT * FROM planned").fetchall()
         return [Configuration(*row[1:]) for row in rows]

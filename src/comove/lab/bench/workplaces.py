@@ -1,4 +1,4 @@
-"""Payloads and places of robots in drawn scenes, by difficulty."""
+"""Payloads and workspaces of robots in sampled scenes, by difficulty."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Workplace:
-    """The place in which a robot carries a bar, and the bar.
+    """Workspace of a robot, with the bar that it carries.
 
     Attributes
     ----------
     robot : its name
-    lower, upper : workspace of load and hands [m]
-    length, radius, mass : of the bar [m, m, kg]; along y, unless it is turned
-    offset_deg : turn of the hands on it, as in scene files
+    lower, upper : workspace of payload and end effectors [m]
+    length, radius, mass : of the bar [m, m, kg]; along y, unless it is rotated
+    offset_deg : rotation of the end effectors on it, as in scene files
     hands : names of the arms, the first one at the larger y
     """
 
@@ -50,23 +50,23 @@ WORKPLACES = {place.robot: place for place in _WORKPLACES}
 
 @dataclass(frozen=True)
 class RobotDifficulty:
-    """Ranges from which scenes of robots are drawn.
+    """Ranges from which scenes of robots are sampled.
 
     Attributes
     ----------
     between, obstacles : smallest and largest number of poses between start and goal, and of obstacles
-    in_the_way : obstacles that are drawn in the way of the straight motion
+    in_the_way : obstacles that are sampled to block the straight motion
     turn, tilt : largest heading of the bar against y, and against the horizontal [rad]
     size : of obstacles [m]
     step : steps by which an obstacle is moved away from the bar until the witness is clear of it [m]
-    spare : smallest clearance of the witness, of load and links [m]
+    spare : smallest clearance of the witness, of payload and links [m]
     duration : duration of the scene [s]
-    clearance : clearance that the scene asks for [m]
+    clearance : clearance required by the scene [m]
     rate : samples of a witness [Hz]
     far : least distance between start and goal, in lengths of the bar
     upright : share of obstacles that are posts from the bottom of the workspace to its top
-    tries : obstacles that are drawn in place of one for which there is no room, before a new beginning
-    n_steps : steps by which an obstacle is moved away, at most
+    tries : further obstacles that are sampled where there is no room for one, before a restart
+    n_steps : largest number of steps by which an obstacle is moved away
     """
 
     between: tuple[int, int]

@@ -1,4 +1,4 @@
-"""Methods published by others, with the interface of `solve`, for comparison."""
+"""Published methods of others for comparison, with the interface of `solve`."""
 
 from comove.lab.compared.cooperation import Laws
 from comove.lab.compared.leader_follower import Gains, LeaderFollower

@@ -1,7 +1,7 @@
-"""Parts of compared methods: jointly demonstrated primitives, and curves fitted to integrated motions.
+"""Parts of compared methods: demonstrated primitives and fitted curves.
 
 A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it.
-If what is left is small (see `FitSettings`), a correction of minimum jerk over its last part leads it to the
+If the remaining error is small (see `FitSettings`), a correction of minimum jerk over its last part leads it to the
 goal; else it keeps its own end, which the verification then reports. Shape weights are then fitted, as many as are
 needed.
 """
@@ -33,12 +33,12 @@ class FitSettings:
 
     Attributes
     ----------
-    end_error, end_speed : what is left at the end, at most, of a motion that has arrived [m] and [m/s], as attractors
-        never quite do
+    end_error, end_speed : largest remaining error of a motion that has arrived [m] and [m/s], as attractors only
+        approach their goal
     led : share of the duration over which an error at the end is corrected
     n_bases : numbers of shape weights a dimension that are tried in turn
-    close : largest distance between curve and motion after which no more weights are tried [m]
-    most_samples : samples that are used at most
+    close : distance between curve and motion below which no more weights are tried [m]
+    most_samples : largest number of samples
     """
 
     end_error: float = 5e-3
@@ -53,17 +53,18 @@ FITTING = FitSettings()
 
 
 def taught_primitives(search: Search, n_basis: int = 30) -> CoordinatedDMP:
-    """Return the demonstration transferred to every hand (paper, III-B), or straight lines of minimum jerk.
+    """Return the demonstration transferred to every end effector (paper, III-B). Without one, return straight lines
+    of minimum jerk.
 
     Parameters
     ----------
-    search : search whose objective is in coordinates of free hands
+    search : search whose objective is in coordinates of free end effectors
     n_basis : shape weights a dimension
 
     Raises
     ------
     OptionError
-        If the scene goes on from another movement: taught movements begin at rest.
+        If the scene continues another movement: demonstrated movements begin at rest.
     """
     scene, coordinates = search.scene, search.objective.coordinates
     if any(group.start_twist.any() for group in scene.groups):
@@ -82,7 +83,7 @@ def taught_primitives(search: Search, n_basis: int = 30) -> CoordinatedDMP:
 
 
 def group_means(scene: Scene) -> Array:
-    """Return the matrix that averages over the hands of every rigid group, shape (n_groups, n_manipulators)."""
+    """Return the averaging matrix of groups, shape (n_groups, n_manipulators)."""
     means = np.zeros((len(scene.groups), len(scene.manipulators)))
     for g, group in enumerate(scene.groups):
         means[g, list(group.members)] = 1.0 / len(group.members)
@@ -91,13 +92,13 @@ def group_means(scene: Scene) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A curve that was fitted to an integrated motion.
+    """Curve fitted to an integrated motion.
 
     Attributes
     ----------
     motion : the curve
-    error : largest distance between the hands on the curve and in the integrated motion, corrected at its end [m]
-    end_miss : largest distance of a hand from its goal at the end of the integration [m]
+    error : largest distance between end effectors on the curve and in the integrated motion, corrected at its end [m]
+    end_miss : largest distance of an end effector from its goal at the end of the integration [m]
     """
 
     motion: CoordinatedMotion
@@ -108,13 +109,13 @@ class Fit:
 def fit_curve(
     scene: Scene, coordinates: Coordinates, s: Array, hands: Array, settings: FitSettings = FITTING
 ) -> Fit:
-    """Fit a curve to sampled positions of the hands.
+    """Fit a curve to sampled positions of the end effectors.
 
     Parameters
     ----------
-    coordinates : coordinates of free hands
+    coordinates : coordinates of free end effectors
     s : array, shape (n_steps,), even normalised times from 0 to 1
-    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
+    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the end effectors [m]
     settings : settings of the fit
     """
     miss = float(np.linalg.norm(hands[-1] - scene.goal, axis=1).max())
@@ -138,11 +139,11 @@ def fit_curve(
 
 
 def count_execution(search: Search, hands: Array) -> None:
-    """Count one execution as a generation of the search, and report its cost.
+    """Count an execution as a generation of the search; report its cost.
 
     Parameters
     ----------
-    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands at even times [m]
+    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the end effectors at even times [m]
     """
     scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
     sampled = interpolated(even, np.arange(len(hands), dtype=np.float64), hands.reshape(len(hands), -1))
@@ -153,10 +154,8 @@ def count_execution(search: Search, hands: Array) -> None:
 
 
 def control_times(duration: float, period: float, most: int) -> Array:
-    """Return even normalised times from 0 to 1, a control period [s] apart; array, shape (n_steps + 1,).
-
-    The period is shorter if there would be fewer than 200 steps, and longer if there would be more than `most`.
-    """
+    """Return even normalised times from 0 to 1; shape (n_steps + 1,). They are a control period [s] apart. The
+    period is shorter if there would be fewer than 200 steps, and longer if there would be more than `most`."""
     return np.linspace(0.0, 1.0, int(np.clip(np.ceil(duration / period), 200, most)) + 1)
 
 
@@ -167,7 +166,7 @@ def judge_execution(
     settings: FitSettings,
     before: Callable[[CoordinatedMotion], Mapping[str, float]] = lambda motion: {},
 ) -> None:
-    """Fit a curve to the positions of the hands (see `fit_curve`), log both errors, and have the curve verified.
+    """Fit a curve, log its errors (see `fit_curve`), and verify it.
 
     Parameters
     ----------

@@ -1,16 +1,16 @@
-"""The cooperation of a robot and a human who move one load in cycles; after Nemec et al., Auton. Robots 2018 [8].
+"""Cooperation of robot and human in cycles (Nemec et al., Auton. Robots 2018 [8]).
 
 The robot follows a speed-scaled primitive with a stiffness in the path's frame,
 
     nu(s) tau y' = z,   nu(s) tau z' = alpha (beta (g - y) - z) + f(s),   nu(s) tau s' = 1,
     K(s) = R(s) diag(k_t, k_n, k_b) R(s)^T,   D(s) = 2 K(s)^(1/2),
 
-where R is the Frenet-Serret frame and nu > 1 means slower than taught. (The phase is linear here.) The transformed
-system depends on the phase alone, so that y follows the path p(s) of the primitive at any pace. This structure is the
-source's. The laws below are ours.
+where R is the Frenet-Serret frame and nu > 1 means slower than demonstrated. (The phase is linear here.) The
+transformed system depends on the phase alone, so that y follows the path p(s) of the primitive at any pace. This
+structure is the source's. The laws below are ours.
 
-**Together.** The human is a spring of stiffness k_h towards a path h(s) and a pace mu(s) of her own; the load has
-unit mass. Across the path the load deviates by e; along the path both agree on a pace,
+**Together.** The human is a spring of stiffness k_h towards a path h(s) and a pace mu(s) of her own; the payload
+has unit mass. Across the path it deviates by e; along the path both agree on a pace,
 
     e'' = -K e - D e' + k_h (1 - t t^T) (h(s) - p(s) - e) - 2 sqrt(k_h) (1 - t t^T) e',
     T_pace d(s')/dt = (k_t / nu + k_h mu) / (k_t + k_h) - s',
@@ -92,7 +92,7 @@ class Laws:
 
 @dataclass(frozen=True, eq=False)
 class Intention:
-    """The path and pace that the human wants in one cycle, at the samples of the phase.
+    """Path and pace intended by the human in one cycle. They are given at the samples of the phase.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Intention:
 
 @dataclass(frozen=True, eq=False)
 class Skill:
-    """The skill that the robot has learned, at even samples of the phase from 0 to 1.
+    """Skill of the robot, at even phase samples from 0 to 1.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Skill:
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """The measurements of one cycle, at the samples of the phase.
+    """Measurements of one cycle, at the samples of the phase.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class Cycle:
     slowness : array, shape (n_samples,), m: measured slowness
     slowness_wish : array, shape (n_samples,), u: slowness that the human alone would choose
     effort : root mean square of the human's force over time [N]
-    duration : duration of the cycle, divided by that of the taught movement
+    duration : duration of the cycle, divided by that of the demonstrated movement
     """
 
     deviation: Array
@@ -172,7 +172,7 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
 
     Parameters
     ----------
-    duration : duration of the taught movement [s]
+    duration : duration of the demonstrated movement [s]
     period : time step of the integration [s]
     """
     frames, stiffness = skill.frames, skill.stiffness(laws)
@@ -209,8 +209,8 @@ def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
 
     Parameters
     ----------
-    change : array, shape (3, n_samples, n_paths, n_dims), the human's wish as the primitive can represent it, and its
-        first two derivatives [m]
+    change : array, shape (3, n_samples, n_paths, n_dims), the human's intention as the primitive can represent it,
+        and its first two derivatives [m]
     """
     zeta, w = laws.learning, cycle.wish
     return replace(
@@ -223,7 +223,7 @@ def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
 
 
 class Springs(NamedTuple):
-    """Describes the stiffness and damping across the paths, at the samples of the phase.
+    """Stiffness and damping across the paths, by samples of the phase.
 
     Attributes
     ----------
@@ -239,7 +239,7 @@ class Springs(NamedTuple):
 
 
 class Pacing(NamedTuple):
-    """Describes the terms that set the pace, at the samples of the phase.
+    """Terms that set the pace, by samples of the phase.
 
     Attributes
     ----------
@@ -258,10 +258,8 @@ class Pacing(NamedTuple):
 def _move(
     springs: Springs, pacing: Pacing, k_h: float, duration: float, period: float
 ) -> tuple[Array, Array, Array, float]:
-    """Return phase, deviation and pace at every step, and the mean square of the human's force.
-
-    The deviation is integrated by the backward Euler method, with the coefficients of the phase before each step.
-    """
+    """Return phase, deviation and pace per step, and mean squared force. The force is the human's. The deviation is
+    integrated by the backward Euler method, with the coefficients of the phase before each step."""
     of_robot, damping, across, wanted = springs
     k_t, slowness, pace_wanted, pace_time = pacing
     n_samples, n_paths, n_dims = wanted.shape
@@ -309,8 +307,8 @@ def frenet_frames(slope: Array, bend: Array) -> Array:
     """Compute tangent, normal and binormal at every sample of a path.
 
     The normal is perpendicular to the tangent and points to the side to which the path bends. In the plane it is the
-    tangent, turned to the left by 90 degrees. Where the path stands still, the nearest tangent is taken; where it is
-    straight, the normal is transported along it with the least rotation (Bishop, 1975).
+    tangent, rotated to the left by 90 degrees. Where the path is stationary, the nearest tangent is used; where it
+    is straight, the normal is transported along it with the least rotation (Bishop, 1975).
 
     Parameters
     ----------
@@ -335,7 +333,8 @@ def frenet_frames(slope: Array, bend: Array) -> Array:
 
 
 def _tangents(slope: Array) -> Array:
-    """Return unit tangents: the nearest one where the path stands still, the x axis if it never moves."""
+    """Return unit tangents, where stationary those of the nearest sample. They are the x axis if the path never
+    moves."""
     speed = np.linalg.norm(slope, axis=1)
     moving = np.flatnonzero(speed > STILL * max(speed.max(), 1e-300))
     if not len(moving):
@@ -349,7 +348,8 @@ def _tangents(slope: Array) -> Array:
 
 
 def _normals(tangent: Array, across: Array, bent: NDArray[np.bool_]) -> Array:
-    """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
+    """Return unit normals; array, shape (n_steps, 3). They are `across` where the path bends, else the last normal
+    transported along it."""
     # Of a path that is straight all along any normal does.
     last = across[bent][0] if bent.any() else np.eye(3)[np.abs(tangent[0]).argmin()]
     normal = np.empty_like(tangent)

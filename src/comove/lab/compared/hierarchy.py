@@ -1,4 +1,4 @@
-"""Lexicographic quadratic programmes: tasks in a strict order, under inequalities that precede all of them.
+"""Lexicographic quadratic programmes of tasks under common inequalities.
 
     level k = 1, 2, ..:   minimise |A_k x - b_k|^2   such that   G x >= h   and   A_j x = A_j x_j for j < k,
 
@@ -25,7 +25,7 @@ SPARE = 1e-9  # by which bounds are relaxed from one level to the next, for roun
 
 
 class PriorityTask(NamedTuple):
-    """A task to minimise |A x - b|^2.
+    """Task to minimise |A x - b|^2.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ def lexicographic(tasks: Sequence[PriorityTask], rows: Array, low: Array) -> tup
 
 
 def _solve(matrix: Array, target: Array, rows: Array, low: Array) -> Array | None:
-    """Minimise |matrix z - target|^2 subject to rows z >= low; None if the solver finds no solution."""
+    """Minimise |matrix z - target|^2 subject to rows z >= low. Return None if the solver finds no solution."""
     quadratic = matrix.T @ matrix + REGULAR * np.eye(matrix.shape[1])
     z, _, flag, _ = daqp.solve(
         quadratic,
@@ -80,7 +80,8 @@ def _solve(matrix: Array, target: Array, rows: Array, low: Array) -> Array | Non
 
 
 def _least_slack(rows: Array, low: Array) -> Array:
-    """Return the w >= 0 of least norm for which rows x >= low - w has a solution; array, shape (n_rows,)."""
+    """Return the least slack w >= 0 that makes inequalities solvable. These are rows x >= low - w, and w has least
+    norm; array, shape (n_rows,)."""
     m, n = rows.shape
     if not m or _solve(np.eye(n), np.zeros(n), rows, low) is not None:
         return np.zeros(m)

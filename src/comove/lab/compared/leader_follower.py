@@ -1,23 +1,24 @@
-"""The method of reference [7]: iterative learning of a coupling between leader and follower, or between equals.
+"""Method of reference [7]: iterative learning of a coupling.
 
-The primitives are taught jointly. In every epoch they are executed with coupling, and the coupling that was needed
-is learned for the next epoch (iterative learning control; Gams et al., T-RO 2014). The last epoch is returned. The
-source treats pairs of hands and the distances between them, but no obstacles.
+It couples leader and follower, or equals. The primitives are demonstrated jointly. In every epoch they are executed
+with coupling, and the coupling that was needed is learned for the next epoch (iterative learning control; Gams et
+al., T-RO 2014). The last epoch is returned. The source treats pairs of end effectors and the distances between them,
+but no obstacles.
 
-In unit duration, with r = y_2 - y_1 and u = r/|r|, the hands i of a pair move as
+In unit duration, with r = y_2 - y_1 and u = r/|r|, the end effectors i of a pair move as
 
     y_i' = z_i + w_i C_i                              F   = (D - |r|) u
     z_i' = alpha (beta (g_i - y_i) - z_i) + f_i(s)    C_2 = c F + F_c,   C_1 = -C_2
            + w_i c_2 C_i'
 
 where w is 0 for a leader and 1 for a follower; both are 1 in mutual coupling. F is the virtual force that draws the
-hands to their distance D, and F_c the coupling learned in former epochs, at every step k of an epoch i,
+end effectors to their distance D, and F_c the coupling learned in former epochs, at every step k of an epoch i,
 
     F_c,i+1(k) = Q (F_c,i(k) + L c F_i(k + 1)).
 
-The transformed system is linear, so the position of a hand is that of the uncoupled primitive plus a deviation that
-obeys the same equation without goal and forcing. C is held over a control period and the deviation is advanced
-exactly, as a controller in discrete time would see it; C' is an impulse at each change of C.
+The transformed system is linear, so the position of an end effector is that of the uncoupled primitive plus a
+deviation that obeys the same equation without goal and forcing. C is held over a control period and the deviation is
+advanced exactly, as a controller in discrete time would see it; C' is an impulse at each change of C.
 
 The control period bounds the gains from above. Along u the three numbers (deviation, its z, last C) obey a linear
 recursion; `spectral_radius` gives the factor by which it grows in a step.
@@ -94,13 +95,13 @@ GAINS = Gains()
 
 @dataclass(frozen=True)
 class LeaderFollower(Method):
-    """A method that learns the coupling of leader and follower over epochs.
+    """Method that learns the coupling of leader and follower over epochs.
 
     Attributes
     ----------
     epochs : number of executions, the last of which is returned
-    mutual : whether both hands of a pair follow, instead of one
-    leader : name of the hand that leads its pair; by default, the first hand of every pair leads
+    mutual : whether both end effectors of a pair follow, instead of one
+    leader : name of the end effector that leads its pair; by default, the first one of every pair leads
     gains : gains of coupling and learning
     period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
         than 100 000
@@ -121,12 +122,12 @@ class LeaderFollower(Method):
         require_positive("period", self.period)
 
     def check(self, scene: Scene) -> None:
-        """Refuse a scene whose hands are not tied in pairs."""
+        """Refuse a scene without end effectors tied in pairs."""
         super().check(scene)
         self._pairs(scene)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run the epochs and have the last one verified; no path is planned."""
+        """Run the epochs and verify the last one, without path planning."""
         scene, pairs = search.scene, self._pairs(search.scene)
         s = control_times(scene.duration, self.period, most=100_000)
         self._require_stable(s[1], scene.duration)
@@ -186,9 +187,9 @@ class LeaderFollower(Method):
 
 
 def transition(h: float) -> tuple[Array, Array]:
-    """Return the exact transition in a step of a deviation (e, zeta) under a constant coupling C.
+    """Return a deviation's exact transition under a constant coupling C.
 
-    The deviation obeys ``e' = zeta + C, zeta' = -omega^2 e - 2 omega zeta``.
+    The deviation (e, zeta) obeys ``e' = zeta + C, zeta' = -omega^2 e - 2 omega zeta``.
 
     Parameters
     ----------
@@ -206,11 +207,11 @@ def transition(h: float) -> tuple[Array, Array]:
 
 
 def spectral_radius(gains: Gains, n_following: int, h: float) -> float:
-    """Return the growth of a small error of the distance in a step; below 1 the coupling is stable.
+    """Return the growth of a distance error in a step. Below 1 the coupling is stable.
 
     Parameters
     ----------
-    n_following : number of hands that follow: 1 if one hand leads, 2 in mutual coupling
+    n_following : number of end effectors that follow: 1 if one leads, 2 in mutual coupling
     h : length of the step [durations]
     """
     of_state, of_coupling = transition(h)
@@ -224,11 +225,11 @@ def spectral_radius(gains: Gains, n_following: int, h: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """One execution of a coupled pair of hands.
+    """Execution of a coupled pair of end effectors.
 
     Attributes
     ----------
-    position : array, shape (n_steps, 2, n_dims), positions of both hands [m]
+    position : array, shape (n_steps, 2, n_dims), positions of both end effectors [m]
     force : array, shape (n_steps, n_dims), virtual force F [m]
     error : array, shape (n_steps,), error of the distance |r| - D [m]
     """
@@ -249,7 +250,7 @@ def run_epoch(uncoupled: Array, distance: float, following: Array, learned: Arra
     Parameters
     ----------
     uncoupled : array, shape (n_steps, 2, n_dims), positions of the primitives without coupling, at even times [m]
-    distance : distance D of the hands [m]
+    distance : distance D of the end effectors [m]
     following : array, shape (2,), w: 1 for a follower, 0 for a leader
     learned : array, shape (n_steps, n_dims), learned coupling F_c [m]
     """

@@ -1,12 +1,13 @@
-"""Inequalities for the hands' velocities that keep hands and loads clear of obstacles, the border and each other.
+"""Velocity inequalities that keep end effectors and payloads clear.
 
-For a point p at a share f of the segment between hands a and b, at distance d from an obstacle with outward normal n,
-a control barrier function (Ames et al., 2017) asks of the hands' velocities
+They keep clear of obstacles, the border and each other. For a point p at a share f of the segment between end
+effectors a and b, at distance d from an obstacle with outward normal n, a control barrier function (Ames et al.,
+2017) requires of the end effectors' velocities
 
     n . ((1 - f) v_a + f v_b - v_obstacle) >= -rate(d - need).
 
-Distances to convex obstacles are convex, so that their linearisation is on the safe side. There is one such row for
-the nearest point and for both ends of every segment.
+Distances to convex obstacles are convex, so that their linearisation is conservative. There is one such row for the
+nearest point and for both ends of every segment.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from comove.model.shapes import spatial
 
 
 class Approach(NamedTuple):
-    """Limits of the speed at which hands may approach anything.
+    """Limits of the approach speed of end effectors.
 
     Attributes
     ----------
-    gain : ratio of the largest approach speed to the clearance left [1/s]
-    braking : deceleration that hands are assumed capable of [m/s^2], infinite without a limit
+    gain : ratio of the largest approach speed to the remaining clearance [1/s]
+    braking : assumed largest deceleration of end effectors [m/s^2], infinite without a limit
     need : clearance that is kept [m]
     retreat : largest speed at which a lost clearance is restored [m/s]
     """
@@ -41,7 +42,7 @@ class Approach(NamedTuple):
     retreat: float = 0.25
 
     def rate(self, left: Array) -> Array:
-        """Return the largest approach speed [m/s] for each clearance left [m]; arrays of the same shape."""
+        """Return the largest approach speeds [m/s] for remaining clearances [m]."""
         braked = np.sqrt(2.0 * self.braking * np.maximum(left, 0.0)) if self.braking < np.inf else np.inf
         return np.where(
             left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -self.retreat)
@@ -51,13 +52,14 @@ class Approach(NamedTuple):
 def clearance_rows(
     scene: Scene, hands: Array, table: Array, velocity: Array, approach: Approach, reach: float
 ) -> tuple[Array, Array]:
-    """Return inequalities that keep hands and loads clear of obstacles, the border and hands that must stay apart.
+    """Return inequalities for clearances of end effectors and payloads. They cover obstacles, the border and
+    separations.
 
     Parameters
     ----------
-    hands : array, shape (n_hands, n_dims), positions of the hands [m]
+    hands : array, shape (n_hands, n_dims), positions of the end effectors [m]
     table, velocity : arrays, shapes (n_obstacles, N_COLUMNS) and (n_obstacles, 3), obstacles at this instant and
-        the velocities of their centres [m/s]; they turn as the scene says
+        the velocities of their centres [m/s]; they rotate as the scene says
     reach : clearance beyond the needed one from which on obstacles are left out [m]
 
     Returns
@@ -89,7 +91,7 @@ def clearance_rows(
 
 
 def _border_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, Array]:
-    """Return the inequalities of every hand and every side of the workspace."""
+    """Return the inequalities of end effectors and workspace sides."""
     thick = np.zeros(len(hands))
     for edge, radius in zip(scene.body.edges, scene.body.radii, strict=True):
         thick[edge] = np.maximum(thick[edge], radius)
@@ -99,7 +101,7 @@ def _border_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array,
 
 
 def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, Array]:
-    """Return the inequalities of hands of different bodies that must stay apart."""
+    """Return the inequalities of separations between different bodies."""
     pairs, least = scene.kept_apart
     away = hands[pairs[:, 0]] - hands[pairs[:, 1]]
     length = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
@@ -112,7 +114,7 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
 
 @kernel
 def _near(nodes: Array, edges: Integers, radii: Array, table: Array, cutoff: float) -> tuple[Array, int]:
-    """Find the points of edges that are nearest to obstacles, and the ends of these edges, up to `cutoff` [m] away.
+    """Find points and ends of edges within `cutoff` [m] of obstacles.
 
     Returns
     -------

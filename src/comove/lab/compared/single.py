@@ -1,12 +1,13 @@
-"""The method of reference [6] (paper, Fig. 3): library primitives, combined and optimised for one manipulator.
+"""Method of reference [6] (paper, Fig. 3) for one manipulator.
 
 CMA-ES optimises in two stages, on the scene of the first manipulator alone:
 
-1. the coefficients of a combination of movements that avoids the obstacles, w_d = sum_k c_kd w_kd (see
+1. the coefficients of a combination of library movements that avoids the obstacles, w_d = sum_k c_kd w_kd (see
    `combination`);
 2. the weights of the resulting movement, on the cost (4).
 
-The source builds its movement for an environment, without a load and without a second hand; it is verified likewise.
+The source builds its movement for an environment, without a payload and without a second end effector; it is
+verified likewise.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ TAUGHT = "demonstration"
 
 @dataclass(frozen=True)
 class Single(Method):
-    """A method that combines library movements for the first manipulator alone.
+    """Method that combines library movements for the first manipulator alone.
 
     Attributes
     ----------
     movements : a library, primitives, or DMPs (by name, or numbered); unless given, a dozen handwritten
         shapes. The demonstration is added, if there is one
-    n_movements : number of movements that are combined, those that suit the scene best
+    n_movements : number of movements that are combined, those most suitable for the scene
     n_basis : shape weights a dimension in the second stage
     schedule : schedule of the second stage
     tries : largest number of runs of it, with a stricter objective after each rejection
@@ -69,7 +70,7 @@ class Single(Method):
         return alone(scene)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Combine movements, then optimise the weights; no path is planned."""
+        """Combine movements, then optimise the weights, without path planning."""
         search.objective = search.objective.with_penalty(along_path=True)
         attempts = Attempts(search, self._suited(search))
         with suppress(OutOfTime):
@@ -83,7 +84,7 @@ class Single(Method):
         )
 
     def _suited(self, search: Search) -> dict[str, DMP]:
-        """Return the movements that suit the scene best, and the demonstration if there is one, by name."""
+        """Return the most suitable movements and any demonstration, by name."""
         scene = search.scene
         given = _handwriting() if self.movements is None else self.movements
         if not isinstance(given, (Library, Mapping)):
@@ -114,12 +115,13 @@ class Single(Method):
 
 
 def alone(scene: Scene) -> Scene:
-    """Return the scene of the first manipulator: the same obstacles, limits and clearance, no load, no other hand.
+    """Return the scene of the first manipulator alone. Obstacles, limits and clearance are the same; there is no
+    payload and no other end effector.
 
     Raises
     ------
     OptionError
-        If the scene goes on from another movement: library movements begin at rest.
+        If the scene continues another movement: library movements begin at rest.
     """
     if scene.begins or any(group.start_twist.any() for group in scene.groups):
         raise OptionError(
@@ -141,5 +143,4 @@ def alone(scene: Scene) -> Scene:
 
 
 def _handwriting() -> dict[str, DMP]:
-    """Return a dozen handwritten shapes (LASA data set) as primitives, by name."""
     return {name: DMP.fit(Demonstration.from_lasa(name)) for name in SHAPES}

@@ -1,10 +1,10 @@
-"""The method of reference [8]: speed-scaled primitives whose stiffness is learned in cycles with a human.
+"""Method of reference [8]: speed-scaled primitives with learned stiffness.
 
-The middle of the hands of a rigid group (the absolute motion) moves as robot and human agree; the positions of the
-hands relative to it (the relative motion) remain as taught, as in the source's bimanual task. The human is simulated:
-she wants another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path.
-After the last cycle the robot executes the learned motion alone, in the scene's duration. For the laws see
-`cooperation`.
+The stiffness is learned in cycles with a human. The mean of the end effectors of a rigid group (the absolute motion)
+moves by the agreement of robot and human; the positions of the end effectors relative to it (the relative motion)
+remain as demonstrated, as in the source's bimanual task. The human is simulated: she intends another path and pace
+than demonstrated, and varies both from cycle to cycle, less in a part of the path. After the last cycle the robot
+executes the learned motion alone, in the scene's duration. For the laws see `cooperation`.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ N_SAMPLES = 401  # samples of the phase
 
 @dataclass(frozen=True)
 class Human:
-    """A simulated human, whose wishes fade to zero towards both ends of the movement.
+    """Simulated human, whose intentions fade towards both ends.
 
     Attributes
     ----------
-    offset : size of the change of the path that she always wants [m]
+    offset : size of the constant change of the path [m]
     spread : size of the variation of the path from cycle to cycle [m]
-    pace_offset, pace_spread : sizes of the constant change and of the variation of the pace, relative to the taught
-        pace
+    pace_offset, pace_spread : sizes of the constant change and of the variation of the pace, relative to the
+        demonstrated pace
     precise : first and last phase of the part in which she varies only a tenth as much
     stiffness : k_h [N/m, with a unit mass]
-    waves : number of sine waves of which her wishes are composed
+    waves : number of sine waves of an intention
     """
 
     offset: float = 0.03
@@ -86,14 +86,14 @@ HUMAN, LAWS = Human(), Laws()
 
 @dataclass(frozen=True)
 class SpeedScaled(Method):
-    """A method that learns the path, pace and stiffness of speed-scaled primitives.
+    """Method that learns path, pace and stiffness of speed-scaled primitives.
 
     Attributes
     ----------
     cycles : number of executions together with the human
     human : the simulated human
     laws : parameters of cooperation and learning
-    n_basis : shape weights a dimension of the path that is learned
+    n_basis : shape weights a dimension of the learned path
     period : time step [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more than
         20 000
     n_times : samples of the last motion
@@ -115,7 +115,7 @@ class SpeedScaled(Method):
         require_positive("period", self.period)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run the cycles and have the learned motion verified; no path is planned."""
+        """Run the cycles and verify the learned motion, without path planning."""
         scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
         taught = taught_primitives(search).rollout()
         cycles: list[Cycle] = []
@@ -158,13 +158,13 @@ class SpeedScaled(Method):
         return Skill.taught(middles(scene, taught.hands(np.linspace(0.0, 1.0, N_SAMPLES))), self.laws)
 
     def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:
-        """Return a function that draws what the human wants in the next cycle."""
+        """Return a function that samples the human's next intention."""
         rng, human, s = search.rng, self.human, np.linspace(0.0, 1.0, N_SAMPLES)
         fade = 16.0 * s**2 * (1.0 - s) ** 2
         care = human.care(s)
 
         def wish(shape: tuple[int, ...]) -> Array:
-            """Draw smooth random functions of unit size; array, shape (N_SAMPLES, *shape)."""
+            """Sample smooth functions of unit size; array, shape (N_SAMPLES, *shape)."""
             waves = np.sin(np.pi * s[:, None] * np.arange(1, human.waves + 1))
             drawn = rng.standard_normal((human.waves, *shape)) / np.sqrt(human.waves / 2)
             return np.tensordot(waves, drawn, axes=1)
@@ -181,11 +181,11 @@ class SpeedScaled(Method):
 
 
 def middles(scene: Scene, hands: Array) -> Array:
-    """Return the middle of the hands of every rigid group.
+    """Return the mean position of every rigid group's end effectors.
 
     Parameters
     ----------
-    hands : array, shape (..., n_manipulators, n_dims), positions of the hands [m]
+    hands : array, shape (..., n_manipulators, n_dims), positions of the end effectors [m]
 
     Returns
     -------
@@ -197,7 +197,7 @@ def middles(scene: Scene, hands: Array) -> Array:
 def alone(
     scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array, n_times: int
 ) -> tuple[Array, Array]:
-    """Return the learned motion that the robot executes alone, in the scene's duration.
+    """Return the learned motion of the robot alone. It has the scene's duration.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def alone(
     Returns
     -------
     times : array, shape (n_times,), even normalised times
-    hands : array, shape (n_times, n_manipulators, n_dims), positions of the hands [m]
+    hands : array, shape (n_times, n_manipulators, n_dims), positions of the end effectors [m]
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 

@@ -1,16 +1,17 @@
-"""The method of reference [5] (Stavridis et al.): task-priority quadratic programmes with prescribed performance.
+"""Method of reference [5] (Stavridis et al.): task-priority quadratic programmes.
 
-In every control step the hands' velocities v solve, in this order (see `hierarchy`),
+Errors have a prescribed performance. In every control step the end effectors' velocities v solve, in this order (see
+`hierarchy`),
 
     L0   limits of speed and acceleration; clearances, the border and separations (see `nearness`)
     L1   relative motion: every distance d_ij, and every difference of heights,   d_ij' = prescribed(d_ij - D_ij)
-    L2   absolute motion: the middle m_g of every rigid group,   m_g' = m_g,ref' + prescribed(m_g - m_g,ref)
-    L3   posture: the rest, such as the rotation of the loads,   v_i = y_i,ref' + k (y_i,ref - y_i)
+    L2   absolute motion: the mean m_g of every rigid group,   m_g' = m_g,ref' + prescribed(m_g - m_g,ref)
+    L3   posture: the rest, such as the rotation of payloads,   v_i = y_i,ref' + k (y_i,ref - y_i)
 
-where the reference is the jointly taught movement and `prescribed` is the velocity of `Performance`. In the source, a
-dynamical system is the reference; here the primitive is, and its phase waits for middles that lag behind (Ijspeert et
-al., 2013) and catches up later. In the source, variables and postures are those of joints: so they are where a robot
-carries (`task_priority_joints`).
+where the reference is the jointly demonstrated movement and `prescribed` is the velocity of `Performance`. In the
+source, a dynamical system is the reference; here the primitive is, and its phase waits for means that lag behind
+(Ijspeert et al., 2013) and catches up later. In the source, variables and postures are those of joints: so they are
+with a robot (`task_priority_joints`).
 
 **Prescribed performance** keeps an error within a shrinking bound (Bechlioulis and Rovithakis, 2008). With the bound
 rho(t) = (rho_0 - rho_end) exp(-a t) + rho_end and xi = e/rho, the error is mapped to eps = artanh(xi),
@@ -59,7 +60,7 @@ OUTSIDE = 1.0 - 1e-6  # xi from which on an error counts as outside its bound
 
 @dataclass(frozen=True)
 class Performance:
-    """The bound of an error, and the gain that draws the error to zero.
+    """Bound of an error, and the gain that reduces it.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ class Performance:
         return (self.first - self.last) * np.exp(-self.decay * np.asarray(time, dtype=float)) + self.last
 
     def wanted(self, error: Array, time: float, period: float) -> Array:
-        """Return the rate e' [m/s] that keeps errors [m] within the bound; arrays of the same shape.
+        """Return the rate e' [m/s] that keeps errors [m] within bounds.
 
         Parameters
         ----------
@@ -105,18 +106,18 @@ ABSOLUTE = Performance(first=0.05, last=0.02, decay=2.0, gain=5.0)
 
 @dataclass(frozen=True)
 class TaskPriority(Method):
-    """A method that solves a task-priority quadratic programme in every control step.
+    """Method that solves a task-priority quadratic programme every control step.
 
     Attributes
     ----------
     relative, absolute : prescribed performance of L1 and of L2
     posture : gain k of L3 [1/s]
-    approach : ratio of the largest approach speed to the clearance left [1/s]
+    approach : ratio of the largest approach speed to the remaining clearance [1/s]
     margin : margin kept on top of the scene's clearance [m]
-    acceleration : limit of the hands' acceleration if the scene has no lower one [m/s^2]; without any limit,
+    acceleration : limit of the end effectors' acceleration if the scene has no lower one [m/s^2]; without any limit,
         velocities would jump, which no curve can represent
     inside : share of the limits that is used
-    catching_up : largest pace of the reference, in terms of the taught pace
+    catching_up : largest pace of the reference, in terms of the demonstrated pace
     reach : distance beyond the braking distance from which on obstacles are left out [m]
     rounds : largest number of rounds in a step, of solving and of adding tangents of the limits
     period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
@@ -146,7 +147,7 @@ class TaskPriority(Method):
                 raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run the controller from start to end and have its motion verified; no path is planned."""
+        """Run the controller and verify its motion, without path planning."""
         scene = search.scene
         s = control_times(scene.duration, self.period, most=20_000)
         taught = taught_primitives(search).rollout()
@@ -178,7 +179,7 @@ class TaskPriority(Method):
         return JointController(self, search, period, taught)
 
     def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:
-        """Return the largest errors of L1 and L2, and the shares of time in which they exceed their bounds."""
+        """Return the largest errors of L1 and L2, with out-of-bound time shares."""
         middles = group_means(scene)
         absolute = np.abs(np.einsum("gm,tmd->tgd", middles, hands - reference)).max(axis=(1, 2))[:-1]
         relative = distance_errors(scene, hands)
@@ -191,12 +192,12 @@ class TaskPriority(Method):
 
 
 class Controller:
-    """The controller that moves the hands of a scene step by step.
+    """Controller of a scene's end effectors, step by step.
 
     Parameters
     ----------
     method : method that holds the controller's parameters
-    scene : scene with the hands, their constraints and limits
+    scene : scene with the end effectors, their constraints and limits
     period : control period [s]
     """
 
@@ -211,12 +212,12 @@ class Controller:
         )
 
     def velocities(self, hands: Array, reference: Array) -> Iterator[tuple[Array, float, Array]]:
-        """Yield velocities of the hands, slack of the inequalities, and reference for every step.
+        """Yield velocities, slack and reference for every step.
 
         Parameters
         ----------
         hands : array, shape (n_steps, n_manipulators, n_dims), positions [m], into which the caller writes the result
-            of each step before asking for the next
+            of each step before it requests the next
         reference : array, shape (n_steps, n_manipulators, n_dims), reference positions [m]
 
         Yields
@@ -239,11 +240,11 @@ class Controller:
             phase = next_phase
 
     def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:
-        """Take note of the curve that was fitted, and return measures for the log; free hands have none."""
+        """Return measures of the fitted curve; free end effectors have none."""
         return {}
 
     def _fastest(self, reference: Array) -> float:
-        """Return an upper bound of the speed at which hands and obstacles approach each other [m/s]."""
+        """Return an upper bound of end effectors' and obstacles' approach speed [m/s]."""
         scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
         time = np.linspace(0.0, scene.duration, len(reference))
         tips = np.linalg.norm(scene.spins, axis=1) * scene.reaches
@@ -252,12 +253,12 @@ class Controller:
 
     @staticmethod
     def _at(reference: Array, phase: float) -> Array:
-        """Return the reference at a phase, which counts in steps; array, shape (n_manipulators, n_dims), [m]."""
+        """Return the reference at a phase, counted in steps [m]. Array, shape (n_manipulators, n_dims)."""
         k = min(int(phase), len(reference) - 2)
         return reference[k] + (phase - k) * (reference[k + 1] - reference[k])
 
     def _next_phase(self, hands: Array, reference: Array, phase: float, k: int) -> float:
-        """Return the phase after step k; it slows down while middles lag behind, and catches up later."""
+        """Return the phase after step k, slower while means lag behind. It catches up later."""
         last = len(reference) - 1.0
         off = self.middles @ (hands - self._at(reference, phase)).ravel()
         lag = float(np.abs(off).max())
@@ -293,18 +294,16 @@ class Controller:
         ]
 
     def _reachable(self, wanted: Array, before: Array) -> Array:
-        """Shorten the wanted velocities of the middles to what the limits allow; arrays, shape (n,), [m/s].
-
-        Speeds are shortened without a change of direction, then the changes from the velocities `before` likewise.
-        Otherwise, wanted velocities far beyond the limits would leave the direction to the limits.
-        """
+        """Shorten the wanted velocities of the means to the limits [m/s]. Speeds are shortened without a change of
+        direction, then the changes from the velocities `before` likewise; arrays, shape (n,). Otherwise the limits
+        would determine the direction of velocities far beyond them."""
         wanted, before = (v.reshape(-1, self.scene.n_dims) for v in (wanted, before))
         inside = self.method.inside
         wanted = _shortened(wanted, inside * self.scene.speed_limit)
         return (before + _shortened(wanted - before, inside * self.acceleration * self.period)).ravel()
 
     def _difference(self, first: int, second: int, direction: Array) -> Array:
-        """Return the row of the velocity of one hand relative to another along a direction, shape (1, n)."""
+        """Return the row of a relative velocity along a direction. Its shape is (1, n)."""
         row = np.zeros((len(self.scene.manipulators), self.scene.n_dims))
         row[first], row[second] = direction, -direction
         return row.reshape(1, -1)
@@ -312,19 +311,16 @@ class Controller:
     def _limited(
         self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array
     ) -> tuple[Array, float]:
-        """Solve the tasks within the limits of speed and acceleration; return velocities and slack [m/s].
-
-        Limits are balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved again.
-        """
+        """Solve the tasks within limits; return velocities and slack [m/s]. Limits of speed and acceleration are
+        balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved again."""
         x, slack = self._inside_balls(tasks, rows, low, before, np.eye(before.size))
         return x.reshape(before.shape), slack
 
     def _inside_balls(
         self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array, hands: Array
     ) -> tuple[Array, float]:
-        """Solve the tasks within the hands' limits; `hands`, shape (n_manipulators * n_dims, n), are their velocities
-        per unit of the variables. Returns the variables, and the slack [m/s].
-        """
+        """Solve the tasks within the end effectors' limits. `hands`, shape (n_manipulators * n_dims, n), are their
+        velocities per unit of the variables. Return the variables, and the slack [m/s]."""
         inside = self.method.inside
         speed, change = inside * self.scene.speed_limit, inside * self.acceleration * self.period
         for _ in range(self.method.rounds):
@@ -346,6 +342,6 @@ class Controller:
 
 
 def _shortened(vectors: Array, most: float) -> Array:
-    """Return vectors, (n, n_dims), shortened to at most the length `most`."""
+    """Return vectors, (n, n_dims), of length `most` or less."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors * np.minimum(1.0, most / np.maximum(lengths, 1e-12))

@@ -1,15 +1,16 @@
-"""The method of reference [5] with the joints of a robot: the programmes of `task_priority` over joint rates.
+"""Method of reference [5] with a robot's joints.
 
-In every control step the rates u of all joints solve, in this order, with the hands' velocities v = J u,
+The programmes of `task_priority` are solved for joint rates. In every control step the rates u of all joints solve,
+in this order, with the end effectors' velocities v = J u,
 
-    L0   limits of joints, their speeds and accelerations; what L0 asks of v; links keep clear (see `link_rows`)
-    L1   relative motion: what L1 asks of v; every hand turns with the load,   w_i = w_load + prescribed(e_i)
-    L2   absolute motion: what L2 asks of v
-    L3   what L3 asks of v: the turn of the load
+    L0   limits of joints, their speeds and accelerations; those of L0 on v; links keep clear (see `link_rows`)
+    L1   relative motion: L1 on v; every end effector rotates with the payload,   w_i = w_load + prescribed(e_i)
+    L2   absolute motion: L2 on v
+    L3   L3 on v: the rotation of the payload
     L4   posture:   u = k (q_first - q),   towards the joints at the start
 
-where e_i is the rotation vector from hand i's orientation to the one in which it holds the load. The positions of the
-hands are those of the joints, so that errors do not add up.
+where e_i is the rotation vector from end effector i's orientation to the one of its grasp. The positions of the end
+effectors are those of the joints, so that errors do not accumulate.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ TURNING = Performance(first=0.05, last=2e-3, decay=2.0, gain=100.0)
 
 
 class JointController(Controller):
-    """The controller that moves the joints of a robot step by step.
+    """Controller of a robot's joints, step by step.
 
     Parameters
     ----------
     method : method that holds the controller's parameters
     search : search whose kinematics is a `RobotCarrier`
     period : control period [s]
-    taught : the hands' taught movement, along which the joints at the start are chosen
+    taught : demonstrated movement of the end effectors, along which the joints at the start are chosen
     """
 
     def __init__(self, method: TaskPriority, search: Search, period: float, taught: CoordinatedMotion):
@@ -57,7 +58,7 @@ class JointController(Controller):
         self.links = Rates(period, gain, braking, braking, retreat, np.inf, np.inf, self.scene.clearance)
 
     def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:
-        """Have the joints judged that hold the load on the curve, nearest to those of the controller."""
+        """Verify the joints on the curve nearest to the controller's."""
         last = [self.joints] * (round(self.scene.duration / self.period) + 1 - len(self.path))
         self.carrier.keep(motion, np.array([*self.path, *last]))
         return {"turn_error_max_rad": self.turned}
@@ -65,7 +66,7 @@ class JointController(Controller):
     def _limited(
         self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array
     ) -> tuple[Array, float]:
-        """Solve the tasks for the rates of the joints, move these, and return the hands' velocities and the slack."""
+        """Solve for joint rates, move the joints; return velocities and slack."""
         n_hands, n_joints = len(before), len(self.joints)
         jacobians, hands = hand_jacobians(self.arms, self.joints)
         moving = jacobians[:, :3].reshape(3 * n_hands, n_joints)
@@ -83,7 +84,7 @@ class JointController(Controller):
         return (there - hands) / self.period, slack
 
     def _held(self, jacobians: Array, hands: Array, moving: Array) -> PriorityTask:
-        """Return the task that every hand turns with the load; `moving`, shape (3 n_hands, n_joints), is J."""
+        """Return the task of rotating with the payload. `moving`, shape (3 n_hands, n_joints), is J."""
         chains, grasp = self.arms.chains, self.carrier.grasp
         wanted, error = grasp.hand_rotations(hands), np.empty((len(hands), 6))
         for i in range(len(hands)):
@@ -99,7 +100,7 @@ class JointController(Controller):
         return PriorityTask(turn.reshape(-1, turn.shape[2]), pull.ravel())
 
     def _joint_limits(self) -> tuple[Array, Array]:
-        """Return the inequalities by which joints keep their limits of speed and acceleration, and brake in time."""
+        """Return the inequalities of joint speeds, accelerations and braking."""
         chains = self.arms.chains
         inside = self.method.inside
         most = inside * chains.acceleration
@@ -116,7 +117,7 @@ class JointController(Controller):
         return np.concatenate([ones, -ones]), np.concatenate([low, -high])
 
     def _clear_links(self, hands: Array, moving: Array) -> tuple[Array, Array]:
-        """Return the inequalities by which links keep clear of obstacles, of the load and of each other."""
+        """Return the inequalities for clearances of links. They cover obstacles, the payload and other links."""
         scene, size = self.scene, hands.size
         center = hands.mean(axis=0)
         basis = np.zeros((6, size))

@@ -1,10 +1,12 @@
-"""The method of reference [22]: jointly taught primitives, optimised on the cost (4) without the constraint (7b).
+"""Method of reference [22]: optimised primitives without constraint (7b).
+
+The jointly demonstrated primitives are optimised on the cost (4),
 
     minimise over all w   J(y_1(0..T), .., y_M(0..T))
 
-Each hand has its own weights, and all share one phase. Obstacles count where a hand touches them, as (4) is printed:
-neither the load between the hands nor any constraint on their distance enters. The search is that of the other
-methods, separable CMA-ES on orthonormalised weights.
+Each end effector has its own weights, and all share one phase. Obstacles count where an end effector touches them,
+as (4) is printed: neither the payload between the end effectors nor any constraint on their distance enters. The
+search is that of the other methods, separable CMA-ES on orthonormalised weights.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
 
 @dataclass(frozen=True)
 class Unconstrained(Method):
-    """A method that optimises jointly taught primitives without coordination.
+    """Method that optimises jointly demonstrated primitives without coordination.
 
     Attributes
     ----------
     n_basis : shape weights a dimension
     schedule : schedule of one run of the optimiser
-    restarts : largest number of runs: the first from the taught primitives, the others from these with random bumps
-        that avoid the obstacles; no run follows one in which no hand touches anything
+    restarts : largest number of runs: the first from the demonstrated primitives, the others from these with random
+        bumps that avoid the obstacles; no run follows one without contact
     """
 
     name: ClassVar[str] = "unconstrained"
@@ -45,7 +47,7 @@ class Unconstrained(Method):
     restarts: int = 20
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Optimise until no hand touches anything, and have the best motion verified; no path is planned."""
+        """Optimise until no end effector touches anything; verify the best motion. No path is planned."""
         best = start = taught = taught_primitives(search, self.n_basis)
         objective, least = hands_alone(search.objective), np.inf
         with suppress(OutOfTime):
@@ -62,13 +64,13 @@ class Unconstrained(Method):
 
 
 def hands_alone(objective: Objective) -> Objective:
-    """Return the objective for the hands alone: points without a load and without constraints between them."""
+    """Return the objective for end effectors without payload and constraints."""
     alone = replace(objective.coordinates, together=())
     return replace(objective, scene=without_load(objective.scene), coordinates=alone)
 
 
 def without_load(scene: Scene) -> Scene:
-    """Return the scene with the same hands and obstacles, but without load and constraints."""
+    """Return the scene without payload and constraints."""
     n = len(scene.manipulators)
     points = np.repeat(np.arange(n), 2).reshape(n, 2)
     return replace(scene, body=MovingBody(points, np.zeros(n), n), constraints=())

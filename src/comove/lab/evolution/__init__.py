@@ -1,4 +1,4 @@
-"""Methods that search the shape weights of a scene by CMA-ES, and combinations of movements by it."""
+"""Methods and combinations of movements by CMA-ES on weights."""
 
 from comove.lab.evolution.combination import Combination, combine
 from comove.lab.evolution.paper import Paper, Projection

@@ -1,12 +1,12 @@
-"""A combination of several movements that avoids the obstacles of a scene; after the paper's reference [6].
+"""Obstacle-avoiding combination of several movements (the paper's reference [6]).
 
 All movements are transferred to common ends. There the weights of the combination are, in every dimension d,
 
     w_d = sum_k c_kd w_kd,
 
-so that any coefficients c meet the ends, and CMA-ES searches for those that minimise the objective (4) with obstacles
-as constraints. The combination is transferred to every hand as a demonstration is; its rollout is verified like any
-other motion.
+so that any coefficients c meet the ends, and CMA-ES searches for those that minimise the objective (4) with
+obstacles as constraints. The combination is transferred to every end effector as a demonstration is; its rollout is
+verified like any other motion.
 """
 
 from __future__ import annotations
@@ -74,16 +74,16 @@ SETTINGS = CombinationSettings()
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """The result of `combine`.
+    """Result of `combine`.
 
     Attributes
     ----------
-    dmp : the combination, at the ends of the hand that goes farthest; can be a demonstration for `solve`
+    dmp : the combination, at the ends of the end effector with the longest path; can be a demonstration for `solve`
     names : names of the movements
     coefficients : array, shape (n_movements, n_dims)
-    attempt : motion of the combination, transferred to every hand
+    attempt : motion of the combination, transferred to every end effector
     motion : `attempt` as a verified motion; None if it is not verified
-    reasons : why `attempt` is not verified, in words
+    reasons : reasons why `attempt` is not verified
     cost : J of `attempt`
     effort : samples, time and work of the search
     restarts : number of runs of the optimiser
@@ -123,12 +123,12 @@ def combine(
     progress: ProgressCallback | bool | None = None,
     settings: CombinationSettings = SETTINGS,
 ) -> Combination:
-    """Combine movements into one that avoids the obstacles of a scene.
+    """Combine movements into one that avoids a scene's obstacles.
 
     Parameters
     ----------
     movements, plane : as for `best_movement`
-    scene : scene of one hand or several; several hands all make the same movement, each between its own ends
+    scene : scene of one end effector or several; several ones all make the same movement, each between its own ends
     seed : seed of all random numbers; the same inputs, seed and version give the same combination,
         unless the budget runs out (`Combination.timed_out`)
     budget : processor time after which the best attempt is returned [s], or a `Budget`, as of `solve`
@@ -190,15 +190,15 @@ def combine(
 
 @dataclass(frozen=True, eq=False)
 class _Span:
-    """The linear span of some movements: all their combinations, transferred to the hands of a scene.
+    """Linear span of some movements, transferred to a scene's end effectors.
 
     Attributes
     ----------
     common : movement with zero shape weights between the common ends
     weights : array, shape (n_movements, n_dims, n_basis), shape weights of the movements between the common ends
-    turns : array, shape (n_manipulators, n_dims, n_dims), matrices that transfer the weights to each hand
-    hands : movement of every hand with zero shape weights
-    ways : array, shape (N_STEPS, n_manipulators, n_dims), positions of the hands with zero shape weights [m]
+    turns : array, shape (n_manipulators, n_dims, n_dims), matrices that transfer the weights to each end effector
+    hands : movement of every end effector with zero shape weights
+    ways : array, shape (N_STEPS, n_manipulators, n_dims), positions of the end effectors with zero shape weights [m]
     """
 
     scene: Scene
@@ -253,11 +253,11 @@ class _Span:
         return np.ascontiguousarray(q.reshape(n, n_steps, -1).transpose(0, 2, 1))
 
     def combined(self, coefficients: Array) -> DMP:
-        """Return the combined primitive; `coefficients` has the shape (n_movements, n_dims)."""
+        """Return the combined primitive. `coefficients` has the shape (n_movements, n_dims)."""
         return replace(self.common, weights=np.einsum("kd,kdj->dj", coefficients, self.weights))
 
     def motion(self, dmp: DMP) -> CoordinatedMotion:
-        """Return the motion of a primitive that is transferred to every hand."""
+        """Return the motion of a primitive transferred to every end effector."""
         basis = motion_basis(N_BASIS, "velocity")
         each = [
             replace(hand, weights=turn @ dmp.weights)
@@ -266,7 +266,7 @@ class _Span:
         return CoordinatedDMP.from_demonstration(each, self.scene, self.coordinates, basis).rollout()
 
     def begin(self, restart: int, best: int, rng: np.random.Generator) -> Array:
-        """Return initial coefficients: the best movement alone, then the straight way, then random ones."""
+        """Return initial coefficients: the best movement, the straight line, or random."""
         coefficients = np.zeros(self.weights.shape[:2])
         if restart == 1:
             coefficients[best] = 1.0
@@ -276,13 +276,13 @@ class _Span:
 
 
 class Combined(NamedTuple):
-    """A combination of movements and its motion on a scene.
+    """Combination of movements and its motion on a scene.
 
     Attributes
     ----------
     coefficients : array, shape (n_movements, n_dims)
-    dmp : the combination, at the ends of the hand that goes farthest
-    motion : motion of the combination, transferred to every hand
+    dmp : the combination, at the ends of the end effector with the longest path
+    motion : motion of the combination, transferred to every end effector
     """
 
     coefficients: Array
@@ -291,7 +291,7 @@ class Combined(NamedTuple):
 
 
 class Attempts:
-    """Runs of CMA-ES over the coefficients, which keep the best verified combination, or else the best attempt.
+    """Runs of CMA-ES over the coefficients. They keep the best verified combination, or else the best attempt.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ class Attempts:
         self.restarts = 0
 
     def run(self) -> None:
-        """Run the optimiser until more runs promise no improvement; raises `OutOfTime` when time is up."""
+        """Run the optimiser until further runs promise no improvement. Raise `OutOfTime` when time is up."""
         settings = self.settings
         while self.restarts < settings.restarts and not self.enough:
             grown = settings.schedule.population * 2 ** (self.restarts // 2)
@@ -320,7 +320,7 @@ class Attempts:
             self._run_once(begin, replace(settings.schedule, population=min(settings.largest, grown)))
 
     def found(self) -> Combined:
-        """Return the best combination so far; before the first one, the best movement alone."""
+        """Return the best combination so far, at first the best movement."""
         coefficients = self.span.begin(1, self.first, self.search.rng) if self.best is None else self.best
         dmp = self.span.combined(coefficients)
         return Combined(coefficients, dmp, self.span.motion(dmp))
@@ -332,7 +332,7 @@ class Attempts:
         return len(self.costs) >= self.settings.compared or alike >= self.settings.agreeing
 
     def _run_once(self, begin: Array, schedule: Schedule) -> None:
-        """Optimise coefficients until their motion is verified, with a stricter objective after each rejection."""
+        """Optimise coefficients until their motion is verified. The objective is stricter after each rejection."""
         objective, coefficients = self.search.objective, begin
         for _ in range(1 + self.settings.stricter):
             coefficients, feasible = self._improve(objective, coefficients, schedule)
@@ -349,7 +349,7 @@ class Attempts:
             schedule = replace(schedule, sigma=self.settings.again)
 
     def _improve(self, objective: Objective, begin: Array, schedule: Schedule) -> tuple[Array, bool]:
-        """Run CMA-ES once; return the best coefficients, and whether their motion is feasible at the samples."""
+        """Run CMA-ES once; return the best coefficients and their feasibility. Feasibility is that at the samples."""
         search = self.search
         search.journal.stage = f"combining {len(begin)} movements"
         parameters = Parameters.default(begin.size, schedule.population)

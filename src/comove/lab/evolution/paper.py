@@ -1,18 +1,19 @@
-"""The paper's method, repaired: constrained CMA-ES on the weights of all arms, the distance held within a band.
+"""The paper's method, repaired: constrained CMA-ES with a distance band.
 
-Equation (7) asks for ``|y1(t) - y2(t)| = D`` at every instant. Two inequalities in place of the equality have no
-interior, so that resampling until nothing is violated, as the paper describes, would never end; the paper must have
-used a band. As printed (`Printed`), the method does not progress. The following is added here, each as a field that
-can be switched off, so that its effect can be measured (docs/ablation.md):
+It optimises the weights of all arms. Equation (7) requires ``|y1(t) - y2(t)| = D`` at every instant. Two
+inequalities in place of the equality have no interior, so that resampling until nothing is violated, as the paper
+describes, would never end; the paper must have used a band. As printed (`Printed`), the method does not progress.
+The following is added here, each as a field that can be switched off, so that its effect can be measured
+(docs/ablation.md):
 
 - the form of the reduction (6), which stays positive definite (`optim.ccmaes`);
 - a limited number of resampling passes: samples that are still infeasible then rank last;
-- a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), while enough of the samples meet
-  the constraints;
+- a band that narrows geometrically (`narrowing`), and a payload that grows (`growing`), while enough of the samples
+  meet the constraints;
 - one constraint for each window of time and side of the band (`windows`), so that the record of a constraint says
   when and to which side a sample was off;
 - a cost of errors within the band (`centring`), which draws the best samples away from its edge;
-- a movement whose middle navigates the environment first (`threading`; the paper, Fig. 3), given to every arm;
+- a movement whose mean navigates the environment first (`threading`; the paper, Fig. 3), given to every arm;
 - a linear phase.
 """
 
@@ -42,17 +43,17 @@ OPTIMISER = CCMAES(passes=8, patience=1e6, reduction=Reduction(size=0.2))
 
 @dataclass(frozen=True)
 class BandSettings:
-    """Settings of the schedules by which the band narrows and the load grows.
+    """Settings of the narrowing band and growing payload.
 
     Attributes
     ----------
     first : half width of the first band, as a share of the distance
-    inside : share of the tolerance to which the band narrows: hands also move between the samples
+    inside : share of the tolerance to which the band narrows: end effectors also move between the samples
     least, instead : tolerance, as a share of the distance, below which another is used instead, and that one
-    enough : share of feasible samples from which the schedules go on; with fewer they go back
+    enough : share of feasible samples above which the schedules advance; with fewer they go back
     pace : progress in generations, per share of feasible samples beyond that
     wait : generations without progress, after which another attempt is made
-    narrowed, grown : progress at which the band has its final width, and the load its size
+    narrowed, grown : progress at which the band has its final width, and the payload its size
     """
 
     first: float = 0.2
@@ -71,21 +72,21 @@ BANDS = BandSettings()
 
 @dataclass(frozen=True)
 class Paper(Method):
-    """The repaired CCMA-ES (paper, III), which begins at the demonstration, or at straight lines.
+    """Repaired CCMA-ES (paper, III), from the demonstration or straight lines.
 
     Attributes
     ----------
-    coordinates : function of a scene that returns the coordinates of free hands
+    coordinates : function of a scene that returns the coordinates of free end effectors
     n_basis : shape weights a column
     optimiser : constrained CMA-ES
     population : samples a generation
     sigma : first step size
     windows : number of windows of time; in each, the largest error of a distance is a constraint, for either sign
-    generations : generations of progress until band and load are final
+    generations : generations of progress until band and payload are final
     finishing : generations with a feasible sample after that, before the best motion is verified
-    narrowing, growing : whether to begin with a wide band, and with a small load
+    narrowing, growing : whether to begin with a wide band, and with a small payload
     centring : cost of errors as large as their bands
-    threading : whether the movement's middle navigates the environment first
+    threading : whether the movement's mean navigates the environment first
     phase : phase of the forcing term; linear unless given
     bands : settings of the schedules
     """
@@ -107,12 +108,12 @@ class Paper(Method):
     bands: BandSettings = BANDS
 
     def check(self, scene: Scene) -> None:
-        """Refuse a scene whose hands no distance ties."""
+        """Refuse a scene without distance constraints."""
         super().check(scene)
         require_distances(scene)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Search until a motion is verified; no path is planned. Raises `OutOfTime` when time is up."""
+        """Search until a motion is verified, without path planning. Raise `OutOfTime` when time is up."""
         attempt, objective = 0, search.objective.with_penalty(along_path=True)
         while True:
             search.journal.stage = f"initial movement, attempt {attempt}"
@@ -128,7 +129,7 @@ class Paper(Method):
             attempt += 1
 
     def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:
-        """Return a movement whose middle navigates the environment (paper, Fig. 3), given to every arm; or None."""
+        """Return a movement whose mean navigates the environment, or None."""
         basis = search.basis(self.n_basis, "acceleration", self.phase)
         coordinates = load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
@@ -146,7 +147,7 @@ class Paper(Method):
     def _improved(
         self, search: Search, objective: Objective, dmp: CoordinatedDMP
     ) -> CoordinatedMotion | None:
-        """Run the optimiser once; return the best motion within the final band, None if none was reached."""
+        """Run the optimiser once; return the best in-band motion, or None."""
         scene, shape = search.scene, dmp.weights.shape
         first = self._errors(dmp, dmp.weights[None])
         widest = max(1.5 * first.max(), self._reach(search, dmp))
@@ -191,7 +192,7 @@ class Paper(Method):
         return best
 
     def _started(self, rng: np.random.Generator, n: int, n_limits: int) -> CCMAESRun:
-        """Return a run of the optimiser that begins at the initial movement."""
+        """Return an optimiser run from the initial movement."""
         start = Start(
             x=np.zeros(n),
             sigma=self.sigma,
@@ -205,17 +206,17 @@ class Paper(Method):
         return self.optimiser.start(start)
 
     def _reach(self, search: Search, dmp: CoordinatedDMP) -> float:
-        """Return a width of the band that enough of the first samples meet [m]; it grows with the number of hands."""
+        """Return a band width that enough first samples meet [m]. It grows with the number of end effectors."""
         draws = self.sigma * search.rng.standard_normal((self.population, *dmp.weights.shape))
         return float(np.quantile(self._errors(dmp, dmp.weights + draws).max(axis=1), self.bands.enough))
 
     def _errors(self, dmp: CoordinatedDMP, weights: Array) -> Array:
-        """Return the `window_errors` of rollouts; weights have the shape (n_rollouts, n_columns, n_basis)."""
+        """Return the `window_errors` of rollouts. Weights have the shape (n_rollouts, n_columns, n_basis)."""
         hands = dmp.coordinates.centers(dmp.rollouts(weights, N_STEPS))
         return window_errors(dmp.scene, hands, self.windows)
 
     def _bands(self, scene: Scene, progress: float, least: float) -> Array:
-        """Return the half widths of the bands; array, shape (n_distances * 2 * n_windows,), [m].
+        """Return the half widths of the bands [m]. Array, shape (n_distances * 2 * n_windows,).
 
         Parameters
         ----------
@@ -233,7 +234,7 @@ class Paper(Method):
 
 
 def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
-    """Compute the largest error of every distance in every window of time, for free hands.
+    """Compute each distance's largest error in every window of time. End effectors are free.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
 
 @dataclass(frozen=True)
 class Projection(Comove):
-    """A variant of the default method with free hands, which projects every rollout onto the constraints."""
+    """Variant of the default method that projects rollouts onto the constraints. End effectors are free."""
 
     name: ClassVar[str] = "projection"
     smooths: ClassVar[bool] = False

@@ -1,9 +1,9 @@
-"""The paper's method as printed: Algorithm 1 with (3), (5) and (6), without improvements.
+"""The paper's method as printed: Algorithm 1 without improvements.
 
-Some choices had to be made that the paper leaves open: the equality (7b) is a band, as two inequalities without one
-have no interior; its width is the scene's tolerance; each side of it at each sample is a constraint h_j. The
-objective (4) considers the hands alone, as printed. The movement is a coordinated primitive of comove, whose ends are
-exact, with the exponential phase of (1b).
+It uses (3), (5) and (6). The paper leaves some choices open: the equality (7b) is a band, as two inequalities
+without one have no interior; its width is the scene's tolerance; each side of it at each sample is a constraint h_j.
+The objective (4) covers the end effectors alone, as printed. The movement is a coordinated primitive of comove,
+whose ends are exact, with the exponential phase of (1b).
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from comove.planning.search import Search
 
 @dataclass(frozen=True)
 class Printed(Method):
-    """CCMA-ES as printed, which begins at the demonstration given to every hand, or at straight lines.
+    """CCMA-ES as printed, from the demonstration or straight lines. The demonstration is given to every end
+    effector.
 
     Attributes
     ----------
@@ -49,12 +50,12 @@ class Printed(Method):
     converged: float = 1e-9
 
     def check(self, scene: Scene) -> None:
-        """Refuse a scene whose hands no distance ties."""
+        """Refuse a scene without distance constraints."""
         super().check(scene)
         require_distances(scene)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run Algorithm 1 until it converges or breaks down; no path is planned. Raises `OutOfTime` if time is up."""
+        """Run Algorithm 1 until convergence or breakdown, without path planning. Raise `OutOfTime` if time is up."""
         scene = search.scene
         free, basis = search.objective.coordinates, motion_basis(self.n_basis, "acceleration", self.phase)
         dmp = CoordinatedDMP(scene, free, basis, free.boundary(), np.zeros((free.n_columns, self.n_basis)))
@@ -94,7 +95,7 @@ class Printed(Method):
 
 
 def violations(scene: Scene, q: Array) -> NDArray[np.bool_]:
-    """Return whether hands are too far apart, or too near, at every sample, by more than the tolerance.
+    """Return which distances violate their tolerance at every sample.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def violations(scene: Scene, q: Array) -> NDArray[np.bool_]:
 
 
 def of_hands_alone(objective: Objective) -> Objective:
-    """Return equation (4) as printed: an obstacle counts only at samples at which a hand is in it."""
+    """Return equation (4) as printed. An obstacle counts only at samples at which an end effector is in it."""
     scene = objective.scene
     data = scene.file.model_dump(exclude_defaults=True)
     data.pop("load", None)

@@ -1,4 +1,4 @@
-"""Modulation of velocities by moving obstacles, as in the paper (III-B), to be compared with executions."""
+"""Velocity modulation by moving obstacles (paper, III-B) for comparison."""
 
 from comove.lab.modulation.matrices import Directions, Field, Modulation, Sharing, field, modulated
 from comove.lab.modulation.obstacles import MovingObstacle, level, level_obstacle, united

@@ -1,8 +1,9 @@
-"""Comparison of all methods for moving obstacles on one scene, with one judge (as in the paper's Figure 2).
+"""Comparison of all methods for moving obstacles on one scene.
 
-All have the same start, goal and obstacles, and `comove.verification.record` verifies their executions. Hands that
-move independently are judged at their own positions, straight from step to step; the load is the line between them,
-and its corners are placed by the pose that fits the hands best.
+It is the counterpart of the paper's Figure 2. All methods have the same start, goal and obstacles, and
+`comove.verification.record` verifies their executions. End effectors that move independently are verified at their
+own positions, straight from step to step; the payload is the line between them, and its corners are placed by the
+pose that fits the end effectors best.
 """
 
 from __future__ import annotations
@@ -48,13 +49,13 @@ obstacle (the paper's rule), by that of the nearest point of hands and load; and
 
 @dataclass(frozen=True)
 class FollowSettings:
-    """Settings of hands that follow a primitive with modulated velocities.
+    """Settings of end effectors that follow a primitive with modulated velocities.
 
     Attributes
     ----------
     gain : gain towards the primitive, and after its end the goal [1/s]
-    n_points : points along every edge of the load that count for which hand or point is nearest
-    at_goal : distance from the goal at which hands have arrived [m]
+    n_points : points along every edge of the payload among which the nearest is chosen
+    at_goal : distance from the goal at which end effectors have arrived [m]
     """
 
     gain: float = 2.0
@@ -67,41 +68,41 @@ FOLLOWING = FollowSettings()
 
 @dataclass(frozen=True, eq=False)
 class LooseRecord(Record):
-    """The record of an execution whose hands move independently.
+    """Record of an execution with independent end effectors.
 
     Attributes
     ----------
-    hands : array, shape (n_steps, n_manipulators, 3), positions of the hands [m]
+    hands : array, shape (n_steps, n_manipulators, 3), positions of the end effectors [m]
     """
 
     hands: Array
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the hands at their own positions, and the load's corners at those of the best-fitting pose."""
+        """Return the end effectors, and the corners of the best-fitting payload."""
         nodes = super().nodes.copy()
         nodes[:, : self.hands.shape[1]] = self.hands
         return nodes
 
     def holds(self, hands: Sequence[int]) -> bool:
-        """Return False, as no rigid body holds the hands together."""
+        """Return False, as no rigid body holds the end effectors together."""
         return False
 
     @cached_property
     def spins(self) -> Array:
-        """Return zeros, as hands go straight and nothing turns between two steps."""
+        """Return zeros, as end effectors move straight between steps."""
         return np.zeros((len(self.time) - 1, len(self.scene.groups), 3))
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """The result of one method on a scene.
+    """Result of one method on a scene.
 
     Attributes
     ----------
     method : its name, one of `METHODS`
-    record : the record of its execution
-    report : the judgement on the record
+    record : record of its execution
+    report : verification report on the record
     """
 
     method: str
@@ -110,7 +111,7 @@ class Compared:
 
     @property
     def arrived(self) -> bool:
-        """Return whether the hands reached their goal."""
+        """Return whether the end effectors reached their goal."""
         return not any("goal is missed" in reason for reason in self.report.reasons)
 
     @property
@@ -120,7 +121,7 @@ class Compared:
 
     @property
     def clearance(self) -> float:
-        """Return the certified clearance of load and hands [m]."""
+        """Return the certified clearance of payload and end effectors [m]."""
         return self.report.clearance_min
 
     @property
@@ -130,34 +131,34 @@ class Compared:
 
     @cached_property
     def distance_errors(self) -> Array:
-        """Return the largest error of a fixed distance; array, shape (n_steps,) [m]; 0 where no distance is fixed."""
+        """Return the largest error of a fixed distance, else 0 [m]. Array, shape (n_steps,)."""
         return distance_errors(self.record.scene, self.record.nodes)
 
     @cached_property
     def clearances(self) -> Array:
-        """Return the clearance of load and hands at every step; array, shape (n_steps,) [m]."""
+        """Return the clearance at every step; array, shape (n_steps,) [m]."""
         return self.record.scene.clearances(self.record.nodes, self.record.time)
 
     @property
     def off(self) -> NDArray[np.bool_]:
-        """Return at which steps the distance error exceeds the largest tolerance; array of bool, shape (n_steps,)."""
+        """Return the steps with excessive distance errors; bool, shape (n_steps,)."""
         return self.distance_errors > self.tolerance
 
     @property
     def touching(self) -> NDArray[np.bool_]:
-        """Return at which steps the load or a hand is inside an obstacle; array of bool, shape (n_steps,)."""
+        """Return the steps with penetration of obstacles; bool, shape (n_steps,)."""
         return self.clearances < 0.0
 
 
 def compare(
     record: Record, budget: float, *, seed: int = 0, pace: Pace | None = None
 ) -> tuple[list[Compared], bool]:
-    """Run every other method on the scene of an executor with known motions, and judge all in the same way.
+    """Run every other method on an executor's scene, and verify all. The motions of obstacles are known.
 
     Parameters
     ----------
-    record : the record of that executor
-    budget : simulated time that each of the others may take [s]
+    record : record of that executor
+    budget : simulated time of each of the others [s]
     seed, pace : seed and pace of the executors
 
     Returns
@@ -182,7 +183,7 @@ def compare(
 
 
 def write_comparison(folder: Path, compared: list[Compared], *, seed: int) -> dict[str, Any]:
-    """Write `comparison.json` into an existing folder, and return its contents."""
+    """Write `comparison.json` into a folder; return its contents."""
     scene = compared[0].record.scene
     summary = {
         "scene": scene.name,
@@ -223,19 +224,19 @@ def loose_run(
     load: bool = True,
     settings: FollowSettings = FOLLOWING,
 ) -> LooseRecord:
-    """Follow the primitive with modulated velocities as in the paper (III-B), and return the record.
+    """Follow the primitive with modulated velocities (paper, III-B).
 
-    Each hand follows the coordinated primitive from start to goal and is drawn back to it once an obstacle has
-    passed; the hands' distances are kept only as far as their velocities are equal. Obstacles move as the scene's
-    file says.
+    Return the record. Each end effector follows the coordinated primitive from start to goal and is drawn back to it
+    once an obstacle has passed; the end effectors' distances are kept only as far as their velocities are equal.
+    Obstacles move as the scene's file says.
 
     Parameters
     ----------
-    sharing : assignment of modulation matrices to points; `Sharing.NONE` follows the primitive as it is
+    sharing : assignment of modulation matrices to points; `Sharing.NONE` follows the primitive unchanged
     budget : largest simulated time [s]
     period : control period [s]
-    load : whether points of the load are modulated as well, not the hands alone
-    settings : how hands follow the primitive
+    load : whether points of the payload are modulated as well, not the end effectors alone
+    settings : settings of the following
     """
     n, observer = scene.n_dims, Known(scene)
     radius = float(scene.body.radii.max(initial=0.0)) + scene.clearance
@@ -279,7 +280,7 @@ def loose_run(
 
 
 def _wanted(motion: CoordinatedMotion, now: float, hands: Array, gain: float) -> Array:
-    """Return velocities along the primitive and towards it, within the limit of speed; [m] -> [m/s]."""
+    """Return velocities along and towards the primitive, within the limit [m/s]."""
     scene, s = motion.scene, np.array([now / motion.scene.duration])
     target, slope = motion.hands(s)[:2, 0] if s[0] < 1.0 else (scene.goal, np.zeros_like(hands))
     wanted = slope / scene.duration + gain * (target - hands)
@@ -288,6 +289,6 @@ def _wanted(motion: CoordinatedMotion, now: float, hands: Array, gain: float) ->
 
 
 def _among_known(record: Record) -> Record:
-    """Return the record with its obstacles moving as in the scene's file, so that all methods have the same truth."""
+    """Return the record with obstacles as in the scene's file. So all methods have the same ground truth."""
     sagitta = record.scene.obstacle_sagittas(record.time)
     return replace(record, obstacles=Known(record.scene).ground_truth(record.time), sagitta=sagitta)

@@ -1,9 +1,9 @@
-"""Level functions of obstacles, in numba kernels: the measure of distance in a modulated velocity.
+"""Level functions of obstacles: distance measures of modulated velocities.
 
-A level function Gamma is 1 on the surface of an obstacle with its safety margin, greater outside, smaller inside,
-and grows on every ray from a point inside (Khansari-Zadeh & Billard, 2012, eq. 5). All those used here are convex
-functions of the position. With u the point in the obstacle's axes and d its signed distance from the bare obstacle
-[m],
+They are numba kernels. A level function Gamma is 1 on the surface of an obstacle with its safety margin, greater
+outside, smaller inside, and grows on every ray from a point inside (Khansari-Zadeh & Billard, 2012, eq. 5). All
+those used here are convex functions of the position. With u the point in the obstacle's axes and d its signed
+distance from the bare obstacle [m],
 
     ellipsoid     sum (u_i / a_i)^2           a_i: semi-axes of an ellipsoid that contains obstacle and margin
     superquadric  sum |u_i / a_i|^(2 p_i)     a_i: semi-axes, stretched by one factor to contain the margin
@@ -36,10 +36,8 @@ HUGE = 1e150  # beyond it a level says no more than "far", and its square still 
 
 @kernel
 def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float, float, float, float, float]:
-    """Return the level of obstacle `j` at (x, y, z), its gradient's length [1/m], and the gradient's direction (3).
-
-    At the very centre, where there is no gradient, the length is 0 and the direction along x.
-    """
+    """Return the level of obstacle `j` at a point, and its gradient. The gradient is given by its length [1/m] and
+    its direction (3). At the very centre, where there is no gradient, the length is 0 and the direction along x."""
     if table[j, KIND] >= ELLIPSOID:
         level, slope, nx, ny, nz = _algebraic(table, j, x, y, z)
     else:
@@ -58,7 +56,7 @@ def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float,
 def _algebraic(
     table: Array, j: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the results of `level_at` for ellipsoids and superquadrics; a level far outside may overflow."""
+    """Return `level_at` for ellipsoids and superquadrics. A level far outside may overflow."""
     x, y, z = x - table[j, CENTER], y - table[j, CENTER + 1], z - table[j, CENTER + 2]
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
@@ -96,7 +94,7 @@ def _algebraic(
 
 @kernel
 def _log_slope(u: float, a: float, p: float) -> float:
-    """Return log |d/du |u / a|^(2p)|; minus infinity at 0 and along an endless axis."""
+    """Return log |d/du |u / a|^(2p)|. It is minus infinity at 0 and along an endless axis."""
     share = abs(u) / a
     return log(2.0 * p / a) + (2.0 * p - 1.0) * log(share) if share > 0.0 else -np.inf
 
@@ -127,11 +125,11 @@ def levels_at(table: Array, points: Array) -> tuple[Array, Array]:
 
 @kernel
 def common_point(table: Array, members: Integers, x: Array) -> float:
-    """Write in `x` (3) a point deep inside all obstacles `members`, and return the greatest of their levels there.
+    """Find a point deep inside all `members`; return their largest level.
 
-    The greatest of convex functions is convex. The ellipsoid method (Yudin & Nemirovski, 1976) converges to its
-    least value from a ball that contains the smallest obstacle, and ends with 1 or more as soon as it is certain that
-    the obstacles have no point in common.
+    The point is written in `x` (3). The greatest of convex functions is convex. The ellipsoid method (Yudin &
+    Nemirovski, 1976) converges to its least value from a ball that contains the smallest obstacle, and ends with 1
+    or more as soon as it is certain that the obstacles have no point in common.
     """
     smallest = members[0]
     for j in members:

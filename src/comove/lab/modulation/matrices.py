@@ -1,4 +1,4 @@
-"""Velocities turned around moving obstacles, by dynamic modulation (Khansari-Zadeh & Billard, 2012).
+"""Dynamic modulation of velocities by moving obstacles (Khansari-Zadeh & Billard, 2012).
 
 A desired velocity f at a point becomes
 
@@ -21,8 +21,8 @@ and xdot_o is the mean of their velocities with these weights. Obstacles of a gr
 with the least of their levels; within the group their matrices are averaged with weights 1 / (Gamma_k - 1).
 
 Inside an obstacle, where Gamma < 1, the formula would reverse velocities without bound. There lambda_1 is 0 for
-velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards. docs/modulation.md says
-what all this cannot do.
+velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards. docs/modulation.md states
+the limits of the method.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ GRAZING = 1e-3  # least n^T r at which the reference direction is used; else the
 
 
 class Directions(StrEnum):
-    """The direction along which the velocity into an obstacle is removed.
+    """Direction along which the velocity into an obstacle is removed.
 
     REFERENCE
         Away from the obstacle's reference point (Huber, Slotine & Billard, 2019): motions pass around flat faces and
@@ -66,12 +66,12 @@ class Directions(StrEnum):
 
 
 class Sharing(StrEnum):
-    """The assignment of modulation matrices to several points.
+    """Assignment of modulation matrices to several points.
 
     SAME
         All points use the matrix of the point with the least level, which is modulated most (the paper's III-B and
         Fig. 2). Then d/dt(y1 - y2) = M (f1 - f2): distances are kept where all points have the same desired velocity,
-        and change where the load turns. The other points may be led into the obstacle.
+        and change where the payload rotates. The other points may be led into the obstacle.
     OWN
         Each point uses its own matrix. None enters the obstacle; distances change even in a pure translation.
     NONE
@@ -121,7 +121,7 @@ class Modulation:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """The affine map by which obstacles modulate velocities: ``xdot = matrix f + drift``.
+    """Affine map by which obstacles modulate velocities. It is ``xdot = matrix f + drift``.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Field:
     level: Array
 
     def __call__(self, velocity: Array) -> Array:
-        """Return the modulated velocities; (..., n_dims) -> (..., n_dims), [m/s]."""
+        """Return the modulated velocities [m/s]. The shapes are (..., n_dims) -> (..., n_dims)."""
         return (self.matrix @ velocity[..., None])[..., 0] + self.drift
 
 
@@ -148,13 +148,13 @@ def field(
     obstacles: Sequence[MovingObstacle],
     modulation: Modulation = DEFAULT,
 ) -> Field:
-    """Return the matrix and drift of the modulation at each of some points.
+    """Return the matrix and drift of the modulation at points.
 
     Parameters
     ----------
     position : array, shape (..., n_dims), [m]
-    velocity : array, shape (..., n_dims), desired velocities, which tell whether a point moves towards an obstacle
-        [m/s]
+    velocity : array, shape (..., n_dims), desired velocities, which determine whether a point moves towards an
+        obstacle [m/s]
     obstacles : the obstacles at this instant
     modulation : settings of the modulation
 
@@ -185,11 +185,11 @@ def modulated(
     sharing: Sharing = Sharing.SAME,
     modulation: Modulation = DEFAULT,
 ) -> Array:
-    """Return the velocities of all points of one body, turned around the obstacles.
+    """Return the modulated velocities of all points of one body.
 
     Parameters
     ----------
-    position : array, shape (..., n_points, n_dims), hands and, if they are to be considered, points of the load [m]
+    position : array, shape (..., n_points, n_dims), end effectors and, optionally, points of the payload [m]
     velocity : array, shape (..., n_points, n_dims), desired velocities [m/s]
     obstacles : the obstacles at this instant
     sharing : assignment of matrices to points
@@ -241,7 +241,8 @@ def _fields(
     by_reference: bool,
     escape: float,
 ) -> tuple[Array, Array, Array]:
-    """Return matrix (n_points, 3, 3), drift (n_points, 3) and least level (n_points,) at every point."""
+    """Return matrix, drift and least level at every point. Their shapes are (n_points, 3, 3), (n_points, 3) and
+    (n_points,)."""
     n_points, n_obstacles = points.shape[0], table.shape[0]
     matrix, drift, least = np.empty((n_points, 3, 3)), np.zeros((n_points, 3)), np.full(n_points, np.inf)
     head = _heads(table)
@@ -295,7 +296,7 @@ def _fields(
 
 @kernel
 def _heads(table: Array) -> Integers:
-    """Return, for each obstacle, the first one of its group, its head, which represents the group."""
+    """Return the head of each obstacle's group. The head is the first obstacle of a group, and represents it."""
     head = np.empty(table.shape[0], dtype=np.int64)
     for j in range(table.shape[0]):
         head[j] = j
@@ -310,10 +311,8 @@ def _heads(table: Array) -> Integers:
 def _directions(
     table: Array, j: int, point: Array, by_reference: bool, normal: Array, away: Array, carried: Array
 ) -> float:
-    """Return the level of obstacle `j` at a point, and write three vectors there in the last three arguments.
-
-    These are its normal n, r / (n^T r) and its velocity.
-    """
+    """Return an obstacle's level at a point, and write three vectors. These are its normal n, r / (n^T r) and its
+    velocity, in the last three arguments."""
     level, _, nx, ny, nz = level_at(table, j, point[0], point[1], point[2])
     normal[0], normal[1], normal[2] = nx, ny, nz
     away[:] = normal
@@ -338,12 +337,8 @@ def _directions(
 
 @kernel
 def _weigh(level: Array, head: Integers, excess: Array, share: Array, weight: Array) -> None:
-    """Write the weights of obstacles within their groups in `share`, and those of groups in `weight`.
-
-    The weights within a group sum to 1.
-
-    The weight of a group stands at its head. `excess` is the least Gamma - 1 of a group, 0 inside.
-    """
+    """Write the weights of obstacles within groups, and of groups. Those in `share` sum to 1 within a group. Those
+    of groups are in `weight`, at the index of the head. `excess` is the least Gamma - 1 of a group, 0 inside."""
     n = level.shape[0]
     excess[:], weight[:] = np.inf, 0.0  # the latter at first the sums of shares
     for j in range(n):

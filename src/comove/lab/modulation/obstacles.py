@@ -1,4 +1,4 @@
-"""Moving obstacles: shape, pose, velocities and margin; from those of a scene, and united where they overlap."""
+"""Moving obstacles, built from a scene's and united where they overlap."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ APART = -1.0  # the group of obstacles without one
 
 @dataclass(frozen=True, eq=False, init=False)
 class MovingObstacle:
-    """A convex obstacle at one instant, which has velocities; change it by `dataclasses.replace`, or `moved`.
+    """Convex obstacle with velocities at one instant. Change it by `dataclasses.replace`, or `moved`.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class MovingObstacle:
     rotation : array, shape (n_dims, n_dims), the obstacle's axes in the world as columns; the identity by default
     velocity : array, shape (n_dims,), velocity of the centre [m/s]; 0 by default
     angular_velocity : array, shape (3,) in space, (1,) counter-clockwise in the plane [rad/s]; 0 by default
-    margin : distance that is kept from the obstacle, for instance the radius of a load [m]
+    margin : distance that is kept from the obstacle, for instance the radius of a payload [m]
     reference : array, shape (n_dims,), a point inside, in the obstacle's own frame, away from which velocities are
         turned (Huber, Slotine & Billard, 2019) [m]; the centre by default
     group : number of the group; the obstacles of a group are one star-shaped body about a common reference, see
@@ -115,7 +115,7 @@ class MovingObstacle:
 
     @cached_property
     def row(self) -> Array:
-        """Return the obstacle's row of the table that kernels take; array, shape (levels.N_LEVEL_COLUMNS,)."""
+        """Return the obstacle's row of the kernels' table. Array, shape (levels.N_LEVEL_COLUMNS,)."""
         n, row = self.n_dims, np.zeros(lv.N_LEVEL_COLUMNS)
         shape = self.shape.in_table(n, self.margin)
         row[sd.KIND], row[sd.REACH] = shape.kind, shape.reach
@@ -131,7 +131,7 @@ class MovingObstacle:
         return self._posed(row)
 
     def _posed(self, row: Array) -> Array:
-        """Return the row with the obstacle's pose written into it, in place."""
+        """Write the obstacle's pose into its row; return the row."""
         n = self.n_dims
         rotation = np.eye(3)
         rotation[:n, :n] = self.rotation
@@ -160,7 +160,8 @@ class MovingObstacle:
 
 
 def level(obstacle: MovingObstacle, points: ArrayLike) -> tuple[Array, Array]:
-    """Return the level function of an obstacle: 1 on its surface with the margin, greater outside (see `levels`).
+    """Return the level function of an obstacle and its gradient. It is 1 on the surface with the margin, greater
+    outside (see `levels`).
 
     Parameters
     ----------
@@ -183,7 +184,7 @@ def level(obstacle: MovingObstacle, points: ArrayLike) -> tuple[Array, Array]:
 
 
 def level_obstacle(scene: Scene, j: int, *, margin: float = 0.0) -> MovingObstacle:
-    """Return the `j`-th obstacle of a scene at its position in the scene file, at rest.
+    """Return a scene's `j`-th obstacle at rest, as in the file.
 
     `dataclasses.replace` moves it elsewhere, and gives it velocities.
 
@@ -222,7 +223,7 @@ def level_obstacle(scene: Scene, j: int, *, margin: float = 0.0) -> MovingObstac
 
 
 def axes_of(row: Array, n_dims: int) -> Array:
-    """Return the axes of an obstacle, of a row of the table of obstacles; array, shape (n_dims, n_dims)."""
+    """Return an obstacle's axes from its table row. Array, shape (n_dims, n_dims)."""
     axes = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
     if n_dims == 2 and row[sd.KIND] == sd.CAPSULE:
         axes = axes @ PLANAR_CAPSULE.T
@@ -230,7 +231,7 @@ def axes_of(row: Array, n_dims: int) -> Array:
 
 
 def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:
-    """Return the table of obstacles that kernels take; array, shape (n_obstacles, levels.N_LEVEL_COLUMNS).
+    """Return the kernels' table of obstacles. Array, shape (n_obstacles, levels.N_LEVEL_COLUMNS).
 
     Raises
     ------
@@ -250,7 +251,7 @@ def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:
 
 
 def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
-    """Return the obstacles, with those that overlap put in groups about a common point.
+    """Return the obstacles, with overlapping ones grouped about a common point.
 
     Where two obstacles overlap, a point can pass between them under the product of their matrices: in the notch
     between them no obstacle has its full weight. From a point in the overlap, though, both are star-shaped, and so is
@@ -300,7 +301,7 @@ def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
 
 
 def _common(table: Array, members: list[int]) -> Array | None:
-    """Return a point inside all of these obstacles; array, shape (3,), [m]; None if there is none."""
+    """Return a point inside all of these obstacles, or None. Array, shape (3,), [m]."""
     rows = table[members]
     apart = np.linalg.norm(
         rows[:, None, sd.CENTER : sd.CENTER + 3] - rows[:, sd.CENTER : sd.CENTER + 3], axis=2
@@ -312,7 +313,7 @@ def _common(table: Array, members: list[int]) -> Array | None:
 
 
 def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
-    """Return a new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`."""
+    """Return a new array of finite vectors up to `FARTHEST`. Its shape is (..., n_dims)."""
     array = numbers(value)
     allowed = (2, 3) if n_dims is None else (n_dims,)
     if array.ndim < 1 or array.shape[-1] not in allowed or not (np.abs(array) <= FARTHEST).all():
@@ -336,7 +337,7 @@ def _rotation(value: object, n_dims: int) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """Return the matrix of a rotation vector [rad], (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
+    """Return the matrix of a rotation vector or angle [rad]. The shapes are (3,) -> (3, 3), or (1,) -> (2, 2)."""
     if len(vector) == 3:
         return matrices(exponential(vector))
     c, s = np.cos(vector[0]), np.sin(vector[0])

@@ -1,4 +1,4 @@
-"""Comparison of all methods on one scene: a picture and an animation (the counterpart of the paper's Figure 2)."""
+"""Picture and animation of compared methods (as in the paper's Figure 2)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FilmSettings:
     Attributes
     ----------
     rate, most_frames : frames a second, and in all; where there would be more, it is faster than real time
-    trail : part of the way that is shown behind the hands [s]
+    trail : duration of the path that is shown behind the end effectors [s]
     pause : time on the last frame [s]
     dpi : pixels an inch
     """
@@ -55,9 +55,7 @@ FILM = FilmSettings()
 
 
 def draw_comparison(compared: Sequence[Compared], n_states: int = 11) -> Figure:
-    """Draw, by method, hands' paths, load and obstacles at equal, numbered steps; distance error and clearance
-    below.
-    """
+    """Draw all methods at numbered steps, with distance error and clearance."""
     figure, panels = _layout(compared, 3.1)
     for one, column in zip(compared, panels, strict=True):
         record, scene = one.record, one.record.scene
@@ -87,7 +85,7 @@ def draw_comparison(compared: Sequence[Compared], n_states: int = 11) -> Figure:
 
 
 def animate_comparison(compared: Sequence[Compared], path: Path, film: FilmSettings = FILM) -> None:
-    """Write the comparison as an animated GIF, in real time or faster where it is long."""
+    """Write the comparison as an animated GIF in real time. It is faster where it is long."""
     figure, panels = _layout(compared, 2.0)
     last = _shown(compared)
     movers: list[Mover] = []
@@ -107,9 +105,7 @@ def animate_comparison(compared: Sequence[Compared], path: Path, film: FilmSetti
 
 
 def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[list[Axes]]]:
-    """Build a column of panels for each method, `width` inches wide: views of the scene, then distance error and
-    clearance.
-    """
+    """Build a column of panels for each method, `width` inches wide."""
     scene = compared[0].record.scene
     views, n = views_of(scene), len(compared)
     size = scene.upper - scene.lower
@@ -159,7 +155,7 @@ def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[li
 def _frame_of_values(
     axes: Axes, compared: Sequence[Compared], values: Sequence[Array], label: str, column: int
 ) -> None:
-    """Set limits that all columns share, and mark values below 0 in red."""
+    """Set limits that all columns share; mark negative values in red."""
     least = MILLI * min(float(v.min()) for v in values)
     most = MILLI * max(float(v.max()) for v in values)
     pad = 0.08 * max(most - least, 1e-3)
@@ -174,7 +170,7 @@ def _frame_of_values(
 
 
 def _verdict(one: Compared) -> tuple[str, bool]:
-    """Describe what is wrong, or the result, in a few words; returns also whether all is well."""
+    """Return the faults or the result in words, and its success."""
     r, wrong = one.report, []
     if r.clearance_min < 0:
         wrong.append(f"{-MILLI * r.clearance_min:.0f} mm into something")
@@ -189,9 +185,7 @@ def _verdict(one: Compared) -> tuple[str, bool]:
 
 
 def _shown(compared: Sequence[Compared]) -> float:
-    """Return the time up to which is drawn [s]: when the last method that arrives has arrived, but at least the
-    scene's duration.
-    """
+    """Return the end of the drawn time [s]. It is the last arrival of a method, but at least the scene's duration."""
     ends = [c.record.time[-1] for c in compared if c.arrived]
     return float(max([*ends, compared[0].record.scene.duration]))
 
@@ -201,7 +195,7 @@ def _tone(one: Compared, step: int) -> str:
 
 
 def _number(axes: Axes, step: int, place: Array, colour: str = FINE) -> None:
-    """Write the numbers of every other step, to show what was where at the same time."""
+    """Write the number of every other step at its position."""
     if step % 2 == 0:
         ground = {"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
         x, y = place.tolist()
@@ -211,7 +205,7 @@ def _number(axes: Axes, step: int, place: Array, colour: str = FINE) -> None:
 
 
 def _moving_line(axes: Axes, time: Array, values: Array, colour: str) -> Mover:
-    """Return what draws a curve up to an instant [s]."""
+    """Return the mover of a curve up to an instant [s]."""
     (line,) = axes.plot([], [], color=colour, linewidth=1.4, animated=True)
 
     def move(until: float) -> list[Artist]:

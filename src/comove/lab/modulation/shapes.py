@@ -1,4 +1,4 @@
-"""Shapes of obstacles, and the columns that the kernels of `levels` need of them."""
+"""Shapes of obstacles, and their columns for the kernels of `levels`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from comove.lab.modulation.levels import SUPERQUADRIC
 
 @dataclass(frozen=True)
 class TableShape:
-    """A shape as kernels take it: columns KIND, SIZE, LEVEL, EXPONENT and REACH of the table, lengths in metres."""
+    """Shape in the kernels' table: KIND, SIZE, LEVEL, EXPONENT and REACH. Lengths are in metres."""
 
     kind: int
     size: tuple[float, ...]
@@ -26,7 +26,7 @@ class TableShape:
 
 @dataclass(frozen=True)
 class Shape(ABC):
-    """A geometric shape of an obstacle, which is given about its centre and along its own axes.
+    """Geometric shape of an obstacle, about its centre and axes.
 
     All attributes are positive numbers, or tuples of 2 or 3 of them; lengths in metres.
     """
@@ -41,12 +41,12 @@ class Shape(ABC):
 
     @abstractmethod
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m]; raise `OptionError` if it is not one of `n_dims` dimensions."""
+        """Return the shape with a safety margin [m]. Raise `OptionError` if it is not one of `n_dims` dimensions."""
 
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A circle in the plane, a sphere in space, of `radius` [m]."""
+    """Circle in the plane, sphere in space, of `radius` [m]."""
 
     radius: float
 
@@ -56,7 +56,7 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class Ellipsoid(Shape):
-    """An ellipse in the plane, an ellipsoid in space.
+    """Ellipse in the plane, ellipsoid in space.
 
     With a margin it becomes the ellipsoid of least trace in a family of ellipsoids that contain the sum of the
     ellipsoid and a ball (Kurzhanski & Valyi, 1997): the margin is kept everywhere, and exceeded at some places.
@@ -77,10 +77,11 @@ class Ellipsoid(Shape):
 
 @dataclass(frozen=True)
 class Superquadric(Shape):
-    """A body that contains the points with sum |u_i / radii_i|^(2 exponents_i) <= 1: an ellipsoid for exponents of 1.
+    """Body of the points with sum |u_i / radii_i|^(2 exponents_i) <= 1.
 
-    Greater exponents bring it nearer to a box. With a margin all semi-axes grow by one factor, 1 + margin / least
-    semi-axis, so that the margin is kept everywhere; at the ends of long semi-axes it is exceeded.
+    It is an ellipsoid for exponents of 1, and closer to a box for greater ones. With a margin all semi-axes grow by
+    one factor, 1 + margin / least semi-axis, so that the margin is kept everywhere; at the ends of long semi-axes it
+    is exceeded.
 
     Attributes
     ----------
@@ -109,7 +110,7 @@ class Superquadric(Shape):
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A rectangle in the plane, a box in space; a margin rounds its edges.
+    """Rectangle in the plane, box in space; a margin rounds its edges.
 
     Attributes
     ----------
@@ -125,7 +126,7 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class Capsule(Shape):
-    """A segment of `length` that is thickened by `radius` [m]; along its own x in the plane, its own z in space."""
+    """Segment of `length` thickened by `radius` [m]. It lies along its own x in the plane, its own z in space."""
 
     radius: float
     length: float
@@ -137,7 +138,7 @@ class Capsule(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder of `radius` and `height` [m] that lies along its own z, in space only; a margin rounds its edges."""
+    """Cylinder of `radius` and `height` [m] along its own z. It is for space only; a margin rounds its edges."""
 
     radius: float
     height: float
@@ -153,7 +154,6 @@ class Cylinder(Shape):
 
 
 def _rounded(kind: int, size: tuple[float, ...], least: float, reach: float, margin: float) -> TableShape:
-    """Return a shape that a margin rounds, of least half width `least`."""
     return TableShape(kind, size, (least, least + margin), reach + margin)
 
 

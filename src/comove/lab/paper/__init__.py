@@ -1,1 +1,1 @@
-"""The reproduction of the paper: runs, then pictures, tables and claims, then one page."""
+"""Reproduction of the paper: runs, pictures, tables, claims and page."""

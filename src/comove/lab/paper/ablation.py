@@ -1,4 +1,4 @@
-"""The value of each repair of the paper's method: the method without it, on the same scenes, from the same seeds."""
+"""Effect of each repair of the paper's method. The method without it runs on the same scenes with the same seeds."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ VARIANTS: dict[str, tuple[str, Method]] = {
 
 
 def systems() -> dict[str, OwnSystem]:
-    """Return the variants as systems that can be run, by name."""
+    """Return the variants as systems, by name."""
     return {name: OwnSystem(name, method) for name, (_, method) in VARIANTS.items()}
 
 
 def scenes(count: int) -> list[BenchScene]:
-    """Return the paper's three scenes, and the first of the easy set, half planar, half spatial."""
+    """Return the paper's three scenes, and the first easy ones. These are half planar, half spatial."""
     return [BenchScene("examples", example_path(name)) for name in EXAMPLES] + scenes_of(SET, count)
 
 

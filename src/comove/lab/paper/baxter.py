@@ -1,4 +1,4 @@
-"""Figures 7 to 9: Baxter carries a stick through a wide and a narrow passage, in MuJoCo; and [5] with its joints."""
+"""Figures 7 to 9: Baxter's passages in MuJoCo, and [5] with joints."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STARTS = ("recorded movement", "straight lines")
 
 @dataclass(frozen=True)
 class Passage:
-    """Settings of a transport: one of `PASSAGES` by one of `METHODS`, or `WITH_JOINTS`.
+    """Settings of a transport through one of `PASSAGES`. It is solved by one of `METHODS`, or `WITH_JOINTS`.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Passage:
     velocity : c_vel of equation (4), for the paper's method
     seed : seed of all random numbers
     drawn : whether to draw it
-    start : with what it begins, one of `STARTS`
+    start : initial movement, one of `STARTS`
     budget : processor time of the search [s]; arms are followed by several threads
     """
 
@@ -55,22 +55,22 @@ class Passage:
 
 @dataclass(frozen=True)
 class Transport:
-    """Holds the results of Baxter's transport through a passage.
+    """Results of Baxter's transport through a passage.
 
     Attributes
     ----------
     passage : settings of the transport
-    verified : whether the judge verified the joint motion
+    verified : whether the joint motion is verified
     delivered : whether the stick, welded to the grippers, was delivered in MuJoCo
     turn : largest change of the stick's direction [rad]
-    distance_error, clearance : distance error of the planned hands, and clearance of links, hands and stick from
-        posts and table [m]
+    distance_error, clearance : distance error of the planned end effectors, and clearance of links, end effectors and
+        stick from posts and table [m]
     lag, end_error : distance of the simulated stick behind its plan, and from its goal at the end [m]; None if
         nothing was simulated
-    end_missed : distance of the planned hands from their goals [m]
+    end_missed : distance of the planned end effectors from their goals [m]
     seconds : processor time of the search [s]
     reasons : reasons why the joint motion is not verified
-    log : what the method tells of its run
+    log : log of the method
     picture : PNG of equally spaced instants, from the front and below from above; empty if none can be drawn
     """
 
@@ -95,7 +95,7 @@ class Transport:
 
 
 def missing() -> str:
-    """Return what is not installed, in words; empty if Baxter and MuJoCo are there."""
+    """Return the missing packages in words; empty if none is missing."""
     from comove.robots import Robot
     from comove.sim.engine import engine
 
@@ -108,7 +108,7 @@ def missing() -> str:
 
 
 def transport(passage: Passage) -> Transport:
-    """Plan for the arms, judge the joints, simulate, and draw."""
+    """Plan for the arms, verify the joints, simulate, and draw."""
     from comove.robots import Robot
     from comove.sim import Weld, simulate
 
@@ -153,7 +153,7 @@ def transport(passage: Passage) -> Transport:
 
 
 def _picture(execution: Execution, count: int = 5, width: int = 340) -> bytes:
-    """Return a PNG of equally spaced instants in two views, each as wide [pixels]; empty if nothing can be drawn."""
+    """Return a PNG of instants in two views, `width` pixels each. It is empty if nothing can be drawn."""
     from comove.sim import ABOVE, FRONT, draw_sheet
 
     with tempfile.TemporaryDirectory() as folder:

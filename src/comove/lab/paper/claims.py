@@ -1,7 +1,5 @@
-"""The paper's claims about its results, sentence by sentence, and the verdict of the runs on each.
-
-A verdict is computed: each claim has a function of the runs, and no verdict is fixed beforehand.
-"""
+"""Claims of the paper about its results, checked by runs. Each claim has a function of the runs that computes its
+finding; no finding is fixed beforehand."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ NO_ROBOT = (
 
 
 class ClaimVerdict(StrEnum):
-    """The verdicts on a claim."""
+    """Possible findings on a claim."""
 
     REPRODUCED = "reproduced"
     REMARK = "reproduced with a remark"
@@ -44,7 +42,7 @@ class ClaimVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class ClaimFinding:
-    """A verdict that comes with its reason."""
+    """Finding on a claim, with its reason."""
 
     verdict: ClaimVerdict
     why: str
@@ -55,14 +53,14 @@ Judge = Callable[[Runs], ClaimFinding]
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper.
+    """Statement of the paper.
 
     Attributes
     ----------
     where : section or figure of the paper
     quote : its words
-    rule : rule that decides its verdict, in words
-    judge : function that returns the finding of the runs
+    rule : rule for the finding, in words
+    judge : function that computes the finding from the runs
     """
 
     where: str
@@ -76,7 +74,7 @@ CLAIMS: list[Claim] = []
 
 
 def claim(where: str, quote: str, rule: str) -> Callable[[Judge], Judge]:
-    """Return the decorator that adds a claim with its judge to `CLAIMS`."""
+    """Return the decorator that adds a claim to `CLAIMS`."""
 
     def added(judge: Judge) -> Judge:
         CLAIMS.append(Claim(where, quote, rule, judge))
@@ -559,7 +557,7 @@ def can_be_enforced(runs: Runs) -> ClaimFinding:
 def _graded(
     why: str, reproduced: bool = False, *, remark: bool = False, built_in: bool = False
 ) -> ClaimFinding:
-    """Return the finding with the first of these verdicts that holds; "not reproduced" if none does."""
+    """Return the first finding that holds; "not reproduced" if none."""
     for holds, verdict in (
         (reproduced, ClaimVerdict.REPRODUCED),
         (built_in, ClaimVerdict.BUILT_IN),
@@ -576,7 +574,7 @@ def _delivers(runs: Runs, who: str) -> bool:
 
 
 def _transported(runs: Runs, methods: Iterable[str]) -> str:
-    """Return a sentence about Baxter's transports by some methods."""
+    """Return a sentence on Baxter's transports by some methods."""
     parts = []
     for who in methods:
         for scene in PASSAGES:
@@ -603,7 +601,7 @@ def _recordings(runs: Runs, scenes: Iterable[str]) -> list[Measures]:
 
 
 def _from_recordings(runs: Runs, scenes: Iterable[str]) -> str:
-    """Return the end of a sentence on the paper's method from recordings that nobody chose."""
+    """Return the end of a sentence on the paper's method from recordings. The recordings were not selected."""
     counts = ", ".join(f"{count_verified(_recordings(runs, [scene]))} on `{scene}`" for scene in scenes)
     budget = runs.of("recordings")[0].job.budget
     return f"[from ten recordings](#any-recording) that nobody chose, in {budget:g} s: {counts}."

@@ -1,4 +1,4 @@
-"""The pictures of the page, and those of `comove demo`, counterparts of the paper's figures."""
+"""Figures of the page and of `comove demo`, counterparts of the paper's."""
 
 from __future__ import annotations
 
@@ -105,12 +105,12 @@ def draw_all(runs: Runs, folder: Path) -> None:
 
 
 def failures(runs: Runs, scene: str) -> list[Outcome]:
-    """Return the attempts of the paper's method from recordings that failed on a scene."""
+    """Return the paper method's failed attempts from recordings on a scene."""
     return [outcome for outcome in runs.of("recordings", scene=scene) if not outcome.measures.verified]
 
 
 def shown_failures(runs: Runs, scene: str) -> list[Outcome]:
-    """Return the failed attempts that are drawn: of each recording the first."""
+    """Return the failed attempts that are drawn, one per recording."""
     first: dict[str, Outcome] = {}
     for outcome in failures(runs, scene):
         if outcome.motion is not None:
@@ -119,7 +119,7 @@ def shown_failures(runs: Runs, scene: str) -> list[Outcome]:
 
 
 def draw_demo(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict[str, str]:
-    """Draw counterparts of Figures 3 to 5 from one recorded movement into `folder`; return a description of each.
+    """Draw counterparts of Figures 3 to 5; return their descriptions. All begin with one recorded movement.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def story_panels(runs: Runs) -> list[Panel]:
 
 
 def share_of(found: list[Measures], unit: float = 1.0) -> Interval:
-    """Return the share of verified motions; for a single run the interval is the value itself."""
+    """Return the share of verified motions. For a single run the interval is the value itself."""
     share = wilson(sum(m.verified for m in found), len(found))
     return Interval(*(unit * x for x in (share if len(found) > 1 else [share.value] * 3)))
 
@@ -211,12 +211,12 @@ def _failures(drawn: list[Outcome]) -> Figure:
 
 
 def verdict(m: Measures, whole: float = 10.0, off: float = 2.5e-4) -> str:
-    """Return a motion's verdict in a few words.
+    """Return a motion's verification result in a few words.
 
     Parameters
     ----------
-    whole : depth from which on tenths are not told [mm]
-    off : error of a distance from which on it is worth a word [m]
+    whole : depth above which tenths are omitted [mm]
+    off : error of a distance above which it is reported [m]
     """
     if m.verified:
         return f"verified, clear by {1e3 * m.clearance:.1f} mm"

@@ -24,14 +24,14 @@ PLANE = "xy"  # in which planar movements are laid into spatial scenes
 
 @dataclass(frozen=True)
 class Contender:
-    """A method in the comparison, with its conditions.
+    """Method in the comparison, with its conditions.
 
     Attributes
     ----------
     method : method that solves the scenes
     planner : whether it may start from a planned path
     random : whether its result depends on the seed
-    acceleration : limit of acceleration in its scenes [m/s^2], by which it is judged; None for the scene's own
+    acceleration : limit of acceleration in its scenes and their verification [m/s^2]; None for the scene's own
     """
 
     method: Method
@@ -66,7 +66,7 @@ OTHERS = {
 
 
 def title_of(who: str) -> str:
-    """Return what a contender is called on the page."""
+    """Return the name of a contender on the page."""
     return "paper's method" if who == "paper" else who
 
 
@@ -80,12 +80,12 @@ class Job:
     scene : name of an example; "open" is `wide` without its obstacles
     who : name of a contender
     movement : name of the movement from which it begins
-    taught : this movement, or one for each hand by its name; None for straight lines. A planar movement is laid into
-        the plane `PLANE` of a spatial scene
+    taught : this movement, or one for each end effector by its name; None for straight lines. A planar movement is
+        laid into the plane `PLANE` of a spatial scene
     seed : seed of all random numbers
-    budget : processor time after which the best motion so far is taken [s]
+    budget : processor time after which the best motion so far is used [s]
     tolerance : tolerance of distances [m]; by default the scene's own
-    acceleration : limit of the hands [m/s^2]; by default the contender's, or the scene's own
+    acceleration : limit of the end effectors [m/s^2]; by default the contender's, or the scene's own
     velocity : c_vel of equation (4)
     gap : distance between the two walls of the scene [m]; by default the scene's own
     resemblance : weight of the movement's shape in the cost
@@ -113,7 +113,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Holds the result of a job; the motion, its course and the method's log only if they are kept."""
+    """Result of a job. The motion, its errors along the path and the method's log are kept only on request."""
 
     job: Job
     measures: Measures
@@ -160,7 +160,7 @@ def scene_of(
     acceleration: float | None = None,
     gap: float | None = None,
 ) -> Scene:
-    """Return an example with another tolerance of its distance [m], limit of accelerations [m/s^2], or gap [m]."""
+    """Return an example with another tolerance, acceleration [m/s^2] or gap [m]."""
     scene = example("wide" if name == "open" else name)
     data = scene.file.model_dump(exclude_defaults=True)
     if name == "open":
@@ -177,7 +177,7 @@ def scene_of(
 
 
 def _apart(walls: list[dict[str, Any]], gap: float) -> list[dict[str, Any]]:
-    """Move two boxes, the second above the first, so that their inner faces have the distance `gap` [m]."""
+    """Move two boxes to the distance `gap` [m] of their inner faces. The second one is above the first."""
     low, high = (np.array([wall["center"][1], wall["size"][1]]) for wall in walls)
     moved, middle = [], (low[0] + low[1] / 2 + high[0] - high[1] / 2) / 2
     for wall, (center, size), side in zip(walls, (low, high), (-1, 1), strict=True):
@@ -188,7 +188,7 @@ def _apart(walls: list[dict[str, Any]], gap: float) -> list[dict[str, Any]]:
 
 
 def warm_up() -> None:
-    """Load the compiled code before the runs, so that compilation does not count in their times."""
+    """Load the compiled code, so that measured times exclude compilation."""
     load_kernels(SceneKind(2))
     for contender in (CONTENDERS | OTHERS).values():
         method, planner = contender.method, contender.planner

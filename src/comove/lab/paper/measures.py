@@ -1,4 +1,4 @@
-"""Measures of a motion: figures by the judge, smoothness, and the course of errors along it."""
+"""Measures of a motion: verification, smoothness, and errors along it."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ N_JERK, N_ALONG = 4001, 801  # samples of a motion, for its jerk and for what ha
 
 @dataclass(frozen=True)
 class Measures:
-    """Holds the figures of one motion.
+    """Figures of one motion.
 
     Attributes
     ----------
-    verified : whether the judge verified it
+    verified : whether it is verified
     distance_error, clearance : bounds over all instants [m]
     end_error : distance from the wanted ends [m]
     cost : J of equation (4), unit duration
-    acceleration : largest acceleration of a hand [m/s^2]
-    jerk : squared third derivative, integrated over time and summed over the hands [m^2/s^5]
-    turn : largest change of the direction from the first hand to the second [rad]; 0 for one hand
+    acceleration : largest acceleration of an end effector [m/s^2]
+    jerk : squared third derivative, integrated over time and summed over the end effectors [m^2/s^5]
+    turn : largest change of the direction from the first end effector to the second [rad]; 0 for a single one
     first : processor time to the first verified motion [s], None if none was found
     total : processor time of the whole search [s]
     reasons : reasons why it is not verified
     generations : number of generations of the search
-    nearest : name of what is nearest at the least clearance, or is entered deepest: an obstacle of the scene's file,
-        or the border of the workspace
+    nearest : name of the nearest or most deeply penetrated body at the least clearance: an obstacle of the scene's
+        file, or the border of the workspace
     """
 
     verified: bool
@@ -55,7 +55,7 @@ class Measures:
 
 @dataclass(frozen=True)
 class Along:
-    """Holds the course of objective and errors along a motion, as in the paper's Figure 5.
+    """Objective and errors along a motion, as in the paper's Figure 5.
 
     Attributes
     ----------
@@ -112,21 +112,21 @@ def count_verified(found: Sequence[Measures]) -> str:
 
 
 def apart_in_the_mean(one: CoordinatedMotion, other: CoordinatedMotion) -> float:
-    """Return the mean distance between the centres of all hands of two motions at equal times [m]."""
+    """Return the mean distance between two motions' centres at equal times [m]."""
     s = np.linspace(0.0, 1.0, N_ALONG)
     middles = [motion.hands(s)[0].mean(axis=1) for motion in (one, other)]
     return float(np.linalg.norm(middles[0] - middles[1], axis=1).mean())
 
 
 def squared_jerk(motion: CoordinatedMotion) -> float:
-    """Compute the squared jerk, integrated over the duration and summed over the hands [m^2/s^5]."""
+    """Compute the integrated squared jerk of all end effectors [m^2/s^5]."""
     s = np.linspace(0.0, 1.0, N_JERK)
     jerk = np.diff(motion.hands(s)[2], axis=0) * (N_JERK - 1)
     return float((jerk**2).sum() / (N_JERK - 1) / motion.scene.duration**5)
 
 
 def largest_turn(motion: CoordinatedMotion) -> float:
-    """Return the largest change of the direction from the first hand to the second [rad]; 0 for one hand."""
+    """Return the largest turn of the line between end effectors [rad]. It is 0 for a single one."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_ALONG))[0]
     if hands.shape[1] < 2:
         return 0.0

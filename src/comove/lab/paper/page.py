@@ -1,4 +1,4 @@
-"""The reproduction of the paper: all runs, their pictures and claims, and one page about them in Markdown."""
+"""Reproduction of the paper: all runs and one Markdown page. The page holds pictures and claims."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ CONTENTS = Contents(
 
 @dataclass(frozen=True)
 class Effort:
-    """Holds the computing effort of a reproduction.
+    """Computing effort of a reproduction.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Effort:
 def reproduce(
     folder: Path, seeds: int, *, processes: int, tell: Callable[[str], None] = lambda words: None
 ) -> Counter[ClaimVerdict]:
-    """Write the page, its figures and all runs into an existing folder; return the number of claims by verdict.
+    """Write the page, its figures and all runs into a folder. Return the number of claims by finding.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def reproduce(
 
 
 def _processor_time() -> float:
-    """Return the processor time of this process and of its ended children [s]."""
+    """Return the processor time of this process and ended children [s]."""
     usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
@@ -286,7 +286,7 @@ Comove's own rows: the same without `--method paper`. `taught` is Figure 4a by c
 
 
 def _by_hand(band: float, budget: float = 300.0) -> str:
-    """Return the commands that print the numbers of Figures 3 to 6, with a budget for slow machines."""
+    """Return the commands for Figures 3 to 6. The budget suffices for slow machines."""
     return f"""
 how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --budget {budget:g}"
 how="$how --acceleration {GAIT["acceleration"]:g}"
@@ -311,7 +311,7 @@ comove solve untied.yaml --out figure6b --method unconstrained $how
 
 
 def _baxter(runs: Runs, folder: str) -> str:
-    """Return the section on Figures 7 to 9, or the reason why they cannot be simulated."""
+    """Return the section on Figures 7 to 9. If they cannot be simulated, it holds the reason."""
     if runs.absent:
         return f"""
 ### Figures 7 to 9: Baxter
@@ -379,7 +379,7 @@ of the distance by epoch is its root mean square; at the end {TOLERANCE} are all
 
 
 def _with_joints(runs: Runs) -> str:
-    """Return the paragraph on [5] with a robot's joints; empty where there is no robot."""
+    """Return the paragraph on [5] with a robot's joints, if any."""
     if runs.absent:
         return ""
     return f"""
@@ -434,7 +434,7 @@ processor time. {_stopped(runs)}
 
 
 def _recordings(runs: Runs, folder: str) -> str:
-    """Return the section on the paper's method from recordings, with the failed attempts."""
+    """Return the section on the paper's method from recordings. It shows the failed attempts."""
     parts = []
     for scene in RECORDING_SEEDS:
         failed, n = failures(runs, scene), len(runs.of("recordings", scene=scene))
@@ -545,7 +545,7 @@ def _fastest(runs: Runs, who: str) -> str:
 
 
 def _stopped(runs: Runs) -> str:
-    """Describe the effort of the runs without a verified motion in the table of movements, in words."""
+    """Describe the effort of unverified runs in the table of movements."""
     used = [m.total for m in runs.measures("movements") if not m.verified]
     if not used:
         return ""

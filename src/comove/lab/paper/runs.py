@@ -1,4 +1,4 @@
-"""All runs of the reproduction, and the queries on their results."""
+"""All runs of the reproduction, and queries on their results."""
 
 from __future__ import annotations
 
@@ -86,16 +86,16 @@ STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 
 @dataclass(frozen=True)
 class ReproductionPlan:
-    """The numbers of a reproduction.
+    """Numbers of a reproduction.
 
     Attributes
     ----------
     seeds : number of seeds in the large table
     small : seeds in the small tables, for one of the large table; budgets shrink alike in a quick look
     printed, movements, three_hands, sensitivity, baxter : most seeds of the method as printed and of that without
-        schedules, in the table of movements, of three hands, for each thing that is changed, and of Baxter
+        schedules, in the table of movements, of three end effectors, for each changed setting, and of Baxter
     printed_budget, movements_budget : processor time of a run [s]
-    at_once : number of the recordings of both hands at once, each the next one of both shapes
+    at_once : number of simultaneous recordings of both end effectors, each the next one of both shapes
     fresh : first seed where others were used while the method was tuned
     band : error within which the paper's method holds the distance in its figures: a hundredth of it [m]
     resemblance : weight of a movement's shape in the cost, where it counts
@@ -122,17 +122,17 @@ class ReproductionPlan:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Holds the results of all runs.
+    """Results of all runs.
 
     Attributes
     ----------
     plan : the numbers by which they were run
-    outcomes : outcomes of all jobs. Those for "joint" are of the movements taught jointly in the wide passage, for
-        "given" of the initial movements of one hand given to both, before any optimisation, for "as taught" of both
-        hands recorded at once, for "straight" of the straight line of one hand
+    outcomes : outcomes of all jobs. Those for "joint" are of the movements demonstrated jointly in the wide passage,
+        for "given" of the initial movements of one end effector given to both, before any optimisation, for "as
+        taught" of both end effectors recorded at once, for "straight" of the straight line of one end effector
     compared : executions among moving obstacles, by every method
-    recorded : the human movement of Figure 1, its primitive, and the motion if it is given to both hands
-    transports : Baxter's transports, by [5] as well; empty if `absent` names what is not installed for them
+    recorded : the human movement of Figure 1, its primitive, and the motion if it is given to both end effectors
+    transports : Baxter's transports, by [5] as well; empty if `absent` names missing packages
     """
 
     plan: ReproductionPlan
@@ -143,7 +143,7 @@ class Runs:
     absent: str = ""
 
     def of(self, purpose: str, **asked: object) -> list[Outcome]:
-        """Return the outcomes for a purpose whose jobs have these attributes."""
+        """Return the outcomes for a purpose with these job attributes."""
         return [
             outcome
             for outcome in self.outcomes
@@ -152,28 +152,28 @@ class Runs:
         ]
 
     def one(self, purpose: str, **asked: object) -> Outcome:
-        """Return the only outcome for a purpose whose job has these attributes."""
+        """Return the only outcome for a purpose with these job attributes."""
         (outcome,) = self.of(purpose, **asked)
         return outcome
 
     def motion(self, purpose: str, **asked: object) -> CoordinatedMotion:
-        """Return the motion of the only outcome for a purpose whose job has these attributes; it was kept."""
+        """Return the kept motion of the only such outcome."""
         motion = self.one(purpose, **asked).motion
         assert motion is not None, purpose
         return motion
 
     def along(self, purpose: str, **asked: object) -> Along:
-        """Return the course of errors along that motion."""
+        """Return the errors along that motion."""
         along = self.one(purpose, **asked).along
         assert along is not None, purpose
         return along
 
     def measures(self, purpose: str, **asked: object) -> list[Measures]:
-        """Return the figures of the outcomes for a purpose whose jobs have these attributes."""
+        """Return the figures of such outcomes."""
         return [outcome.measures for outcome in self.of(purpose, **asked)]
 
     def carried(self, scene: str, who: str) -> list[baxter.Transport]:
-        """Return Baxter's transports through one passage by one method, the first or drawn one first."""
+        """Return Baxter's transports through a passage by a method. The first or drawn one is first."""
         return [t for t in self.transports if (t.passage.scene, t.passage.who) == (scene, who)]
 
     def encounter(self, method: str) -> Compared:
@@ -224,7 +224,7 @@ def run_everything(plan: ReproductionPlan, processes: int, tell: Callable[[str],
 
 
 def baxter_passages(plan: ReproductionPlan) -> list[baxter.Passage]:
-    """Return Baxter's transports: by the methods of the figures, and by [5] with its joints."""
+    """Return Baxter's transports by the figures' methods and by [5]."""
     velocity = GAIT["velocity"]
     by_method = [
         baxter.Passage(scene, who, velocity, plan.fresh + i, drawn=i == 0)
@@ -240,7 +240,7 @@ def baxter_passages(plan: ReproductionPlan) -> list[baxter.Passage]:
 
 
 def unsearched(alone: Mapping[str, DMP], plan: ReproductionPlan) -> Iterator[Outcome]:
-    """Yield the outcomes of motions that do not come from a search."""
+    """Yield the outcomes of motions without a search."""
     motions = [("given", s, name, given_to_both(alone[name], s)) for s, name in INITIAL.items()]
     motions += [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
     motions += [
@@ -255,9 +255,9 @@ def unsearched(alone: Mapping[str, DMP], plan: ReproductionPlan) -> Iterator[Out
 def movements_after(alone: dict[str, DMP], joint: Outcome, plan: ReproductionPlan) -> dict[str, Movement]:
     """Return all movements by name.
 
-    They are those of one hand, `alone`: the initial movements of Figure 3, the recorded and synthetic ones; further
-    recordings; None, for straight lines; the movement of each hand as taught jointly in the wide passage; and two of
-    the recorded ones, a different one for each hand.
+    They are those of one end effector, `alone`: the initial movements of Figure 3, the recorded and synthetic ones;
+    further recordings; None, for straight lines; the movement of each end effector as demonstrated jointly in the
+    wide passage; and two of the recorded ones, a different one for each end effector.
     """
     hands = example(joint.job.scene).manipulators
     return {
@@ -271,16 +271,14 @@ def movements_after(alone: dict[str, DMP], joint: Outcome, plan: ReproductionPla
 
 
 def at_once(number: int) -> str:
-    """Return the name of the movement that both hands were taught at once, by its number."""
+    """Return the name of a simultaneous demonstration, by its number."""
     return f"at once {number}"
 
 
 def recorded_at_once(number: int) -> dict[str, DMP]:
-    """Return the movements of both hands as they are recorded at once, by the name of the hand.
-
-    The middle of a bar follows one handwritten movement and its direction another, so that the hands keep their
-    distance as a person's do who holds the bar.
-    """
+    """Return the simultaneously recorded movements of both end effectors. They are keyed by the end effectors'
+    names. The middle of a bar follows one handwritten movement and its direction another, so that the end effectors
+    keep their distance as the hands of a person who holds the bar."""
     scene = scene_of("open")
     way, aside = (_drawn(Demonstration.from_lasa(shape, number)) for shape in AT_ONCE)
     first, last = (complex(*end) for end in (scene.start.mean(axis=0), scene.goal.mean(axis=0)))
@@ -297,7 +295,7 @@ def recorded_at_once(number: int) -> dict[str, DMP]:
 
 
 def taught_at_once(number: int, band: float) -> CoordinatedMotion:
-    """Return both hands' movement as it was taught at once, with a tolerance of their distance [m]."""
+    """Return the simultaneous demonstration with a distance tolerance [m]."""
     scene, movements = scene_of("open", tolerance=band), recorded_at_once(number)
     taught = tuple(movements[name] for name in scene.manipulators)
     return CoordinatedDMP.from_demonstration(
@@ -306,7 +304,7 @@ def taught_at_once(number: int, band: float) -> CoordinatedMotion:
 
 
 def _drawn(recording: Demonstration, n_steps: int = 1001) -> NDArray[np.complex128]:
-    """Return a planar recording as complex numbers, turned and scaled to go from 0 to 1, from rest to rest."""
+    """Return a planar recording as complex numbers from 0 to 1. It is rotated, scaled, and at rest at both ends."""
     first, last = recording.time[[0, -1]]
     when = first + minimum_jerk(np.linspace(0.0, 1.0, n_steps)) * (last - first)
     x, y = interpolated(when, recording.time, recording.position).T
@@ -315,19 +313,19 @@ def _drawn(recording: Demonstration, n_steps: int = 1001) -> NDArray[np.complex1
 
 
 def movement_of(outcome: Outcome, hand: int) -> DMP:
-    """Fit a primitive to the movement of one hand."""
+    """Fit a primitive to the movement of one end effector."""
     assert outcome.motion is not None
     way = outcome.motion.trajectory()
     return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
 
 def recordings(count: int = 10) -> tuple[str, ...]:
-    """Return the first shapes of the handwriting set; the first recording of each is used."""
+    """Return the first shapes of the handwriting set. The first recording of each is used."""
     return lasa_names()[:count]
 
 
 def recorded(name: str) -> Demonstration:
-    """Return one of the `RECORDED` movements; the synthetic ones last a second and are a metre long."""
+    """Return one of the `RECORDED` movements. The synthetic ones last a second and are a metre long."""
     known = RECORDED[name]
     if known is not None:
         return Demonstration.from_lasa(*known)
@@ -338,13 +336,13 @@ def recorded(name: str) -> Demonstration:
 
 
 def straight_of_one(scene: str) -> CoordinatedMotion:
-    """Return the straight line of the first hand alone."""
+    """Return the straight line of the first end effector alone."""
     alone = single.alone(example(scene))
     return CoordinatedMotion.straight(alone, load_coordinates(alone))
 
 
 def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
-    """Return one hand's movement as the coordinated primitive of both, before any optimisation (paper, III-B)."""
+    """Return a movement as coordinated primitive of both end effectors. It is not optimised yet (paper, III-B)."""
     loaded, basis = example(scene), motion_basis(30, "velocity")
     return CoordinatedDMP.from_demonstration(movement, loaded, arms_coordinates(loaded), basis).rollout()
 
@@ -442,7 +440,7 @@ Done = Outcome | baxter.Transport | list[Compared]
 
 
 def _all_done(jobs: Sequence[Wanted], processes: int, tell: Callable[[int], None]) -> list[Done]:
-    """Do all jobs on some processes; returns what came of them, in their order."""
+    """Do all jobs on several processes; return results in order."""
     waiting, done = iter(enumerate(jobs)), dict[int, Done]()
     load_kernels(SceneKind(2, moving=None in jobs))  # by all cores, before processes that compile alone
     for ended in run_tasks(_do, lambda: next(waiting, None), workers=processes):
@@ -456,7 +454,7 @@ def _all_done(jobs: Sequence[Wanted], processes: int, tell: Callable[[int], None
 
 
 def _do(task: tuple[int, Wanted]) -> Done:
-    """Do a job, by its number; see `_done`."""
+    """Do a job, given with its number; see `_done`."""
     _warm_up()
     return _done(task[1])
 
@@ -465,7 +463,7 @@ _warm_up = lru_cache(maxsize=1)(warm_up)
 
 
 def _done(job: Wanted) -> Done:
-    """Do a job; for None, run every method against the moving obstacle of the example `turning`."""
+    """Do a job; for None, run all methods on the example `turning`."""
     if isinstance(job, baxter.Passage):
         return baxter.transport(job)
     if job is not None:

@@ -1,4 +1,4 @@
-"""The tables of the page, as Markdown."""
+"""Tables of the page, as Markdown."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ AT_ONCE_TITLES = {"open": "nothing in the way"}
 
 
 def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
-    """Return the table of claims, verdicts and reasons."""
+    """Return the table of claims, findings and reasons."""
     rows = [
         [claim.where, f"“{claim.quote}”", f"**{finding.verdict.value}**", finding.why, claim.rule]
         for claim, finding in findings
@@ -46,7 +46,7 @@ def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
 
 
 def story_table(runs: Runs, scene: str) -> str:
-    """Return the table of every method on a scene: share verified, medians with intervals."""
+    """Return the table of every method on a scene. It holds the share verified, and medians with intervals."""
     head = [
         *("method", "runs", "verified [%]", "distance error [m]", "clearance [mm]", "J"),
         *("acceleration [m/s²]", "squared jerk [m²/s⁵]", "first [s]", "all [s]"),
@@ -67,7 +67,7 @@ def story_table(runs: Runs, scene: str) -> str:
 
 
 def systems_table(runs: Runs) -> str:
-    """Return the table of every system on every scene, with its recorded movement and from straight lines."""
+    """Return the table of systems and scenes, by initial movement."""
     rows = []
     for who in (*OTHER_SYSTEMS, "comove"):
         cells = [_broken(runs.measures("story", scene=scene, who=who)) for scene in SCENES]
@@ -76,7 +76,7 @@ def systems_table(runs: Runs) -> str:
 
 
 def roles_table(runs: Runs) -> str:
-    """Return the table of the root-mean-square error of the distance by epoch and leading hand."""
+    """Return the table of RMS distance errors by epoch and leader."""
     rows = []
     for who, title in ROLES.items():
         outcome = runs.one("leaders", who=who)
@@ -87,7 +87,7 @@ def roles_table(runs: Runs) -> str:
 
 
 def movements_table(runs: Runs) -> str:
-    """Return the table of verified runs and median J by movement, scene and method."""
+    """Return the table of verified runs and median J by movement. Scenes and methods are listed apart."""
     rows = []
     for movement in RECORDED:
         for who in MOVEMENT_CONTENDERS:
@@ -98,7 +98,7 @@ def movements_table(runs: Runs) -> str:
 
 
 def at_once_table(runs: Runs) -> str:
-    """Return the table of what [22] makes of recordings of both hands at once, by scene."""
+    """Return the table of [22] from simultaneous recordings, by scene."""
     taught = runs.measures("as taught")
     rows = [["as taught", count_verified(taught), *_at_worst(taught)]]
     for scene in AT_ONCE_SCENES:
@@ -114,7 +114,7 @@ def _at_worst(found: Sequence[Measures]) -> list[str]:
 
 
 def with_joints_table(runs: Runs) -> str:
-    """Return the table of [5] with Baxter's joints, by passage and what it begins with."""
+    """Return the table of [5] with Baxter's joints. It is by passage and initial movement."""
     rows = []
     for t in runs.transports:
         if t.passage.who == WITH_JOINTS:
@@ -162,7 +162,7 @@ def transports_table(runs: Runs) -> str:
 
 
 def sensitivity_table(runs: Runs) -> str:
-    """Return the table of the paper's method in the narrow passage with one setting changed at a time."""
+    """Return the table of the paper's method with single changed settings. The scene is the narrow passage."""
     rows = []
     for what, values in SENSITIVITY.items():
         for value, changes in values.items():
@@ -188,7 +188,7 @@ def recordings_table(runs: Runs) -> str:
 
 
 def failures_table(runs: Runs, scene: str) -> str:
-    """Return the table of what failed on a scene from recordings: which constraint, and by how much."""
+    """Return the table of failed attempts from recordings on a scene. It names the constraints and their errors."""
     rows = [
         [o.job.movement, str(o.job.seed), what_failed(o.measures), str(o.measures.generations)]
         for o in failures(runs, scene)
@@ -197,7 +197,7 @@ def failures_table(runs: Runs, scene: str) -> str:
 
 
 def what_failed(m: Measures) -> str:
-    """Return the constraints that a motion breaks and by how much, in the judge's words; of distances the worst."""
+    """Return the violated constraints and their errors; of distances the worst."""
     others = [reason for reason in m.reasons if not reason.startswith(DISTANCE)]
     if len(others) < len(m.reasons):
         others.insert(0, f"a distance is off by up to {m.distance_error:.3g} m")
@@ -205,7 +205,7 @@ def what_failed(m: Measures) -> str:
 
 
 def encounters_table(runs: Runs) -> str:
-    """Return the table of figures of all methods against the moving obstacle."""
+    """Return the table of all methods against the moving obstacle."""
     rows = [
         [
             e.method,
@@ -243,7 +243,7 @@ def interval_text(interval: Interval, digits: int = 3) -> str:
 
 
 def _broken(found: Sequence[Measures]) -> str:
-    """Return the verdict on the run with the lowest seed, and the number of verified runs, as text."""
+    """Return the first run's result and the number of verified runs. The first run has the lowest seed."""
     verified = sum(m.verified for m in found)
     words = verdict(found[0])
     if len(found) == 1:
@@ -260,7 +260,7 @@ def _cost(found: Sequence[Measures]) -> str:
 
 
 def _median(found: Sequence[Measures], name: str) -> str:
-    """Return the median of a measure over the verified runs as text; "none" if there are none."""
+    """Return the median over verified runs as text, else "none"."""
     values = [getattr(m, name) for m in found if m.verified]
     return f"{np.median(values):.3g}" if values else "none"
 

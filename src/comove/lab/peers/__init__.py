@@ -1,1 +1,1 @@
-"""Other tools for the same problems, as systems; each needs packages that `comove[bench]` installs."""
+"""Other tools for the same problems, as systems. Each needs packages that `comove[bench]` installs."""

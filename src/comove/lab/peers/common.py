@@ -1,4 +1,4 @@
-"""The base class of peers, and what they share: clearances, a first guess, a time law, the best candidate."""
+"""Base class of peers, with clearances, first guess and time law. `Best` keeps the best candidate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DIFFERENCE = 1e-6  # m, of slopes
 
 
 class PeerOutOfTime(Exception):
-    """Signals that the budget of a peer is used up."""
+    """Signal that the budget of a peer is used up."""
 
 
 def needed(name: str) -> ModuleType:
@@ -41,7 +41,7 @@ def needed(name: str) -> ModuleType:
 
 
 class Peer(System):
-    """A system with another tool behind it.
+    """System based on another tool.
 
     Attributes
     ----------
@@ -52,13 +52,13 @@ class Peer(System):
 
     @property
     def version(self) -> str:
-        """Return the versions of the packages behind it, empty where they are not installed."""
+        """Return the versions of its packages, empty where not installed."""
         of_modules = packages_distributions()
         packages = {p for name in self.modules for p in of_modules.get(name.split(".")[0], ())}
         return ", ".join(sorted(f"{package} {version(package)}" for package in packages))
 
     def refuses(self, scene: Scene) -> str:
-        """Return why peers cannot represent the scene, in one sentence; empty if they can."""
+        """Return why peers cannot represent the scene; empty if they can."""
         if scene.moving.any():
             return "It knows only obstacles that stand still."
         if scene.body.n_nodes > len(scene.manipulators):
@@ -75,7 +75,7 @@ class Peer(System):
 
 
 def independent_distances(scene: Scene) -> list[DistanceConstraint]:
-    """Return the distances without those that follow from the others (where the hands are at the start)."""
+    """Return the distances without those that follow from others. The end effectors are at the start."""
     rows: list[Array] = []
     kept: list[DistanceConstraint] = []
     for c in scene.distances:
@@ -89,9 +89,8 @@ def independent_distances(scene: Scene) -> list[DistanceConstraint]:
 
 
 def first_hands(problem: SystemProblem, s: Array) -> Array:
-    """Return the first guess of peers that improve a movement.
-
-    It is the demonstration, or else the load moved straight and turned evenly.
+    """Return the first guess of peers that improve a movement. It is the demonstration, or else the payload moved
+    straight and rotated evenly.
 
     Parameters
     ----------
@@ -99,7 +98,7 @@ def first_hands(problem: SystemProblem, s: Array) -> Array:
 
     Returns
     -------
-    array, shape (n_steps, n_manipulators, n_dims), [m]; the constraints between hands hold along it
+    array, shape (n_steps, n_manipulators, n_dims), [m]; the constraints between end effectors hold along it
     """
     scene = problem.scene
     if problem.demonstration is None:
@@ -111,7 +110,7 @@ def first_hands(problem: SystemProblem, s: Array) -> Array:
 
 
 def moved_aside(hands: Array, size: float, rng: np.random.Generator) -> Array:
-    """Move all hands together by a few random waves; array, shape (n_steps, n_manipulators, n_dims)."""
+    """Move all end effectors together by a few random waves. Array, shape (n_steps, n_manipulators, n_dims)."""
     n_waves = 3
     s, n_dims = np.linspace(0.0, np.pi, len(hands)), hands.shape[2]
     waves = np.sin(s[:, None] * np.arange(1, n_waves + 1)) / np.arange(1, n_waves + 1)
@@ -119,7 +118,7 @@ def moved_aside(hands: Array, size: float, rng: np.random.Generator) -> Array:
 
 
 def growing(size: float, most: float) -> Iterator[float]:
-    """Yield the size of random changes for one attempt after another, twice the last each time, up to `most`."""
+    """Yield sizes of random changes, doubled up to `most`."""
     while True:
         yield size
         size = min(2.0 * size, most)
@@ -136,7 +135,7 @@ def _clearances(
 
 
 def clearances(scene: Scene, hands: Array) -> Array:
-    """Return the signed distance of the load to the nearest obstacle, shape (n_steps,) [m].
+    """Return the payload's signed distances from obstacles, shape (n_steps,) [m].
 
     Parameters
     ----------
@@ -147,7 +146,7 @@ def clearances(scene: Scene, hands: Array) -> Array:
 
 
 def clearance_slopes(scene: Scene, hands: Array) -> Array:
-    """Return the derivatives of `clearances` by the hands; array, shape (n_steps, n_manipulators, n_dims)."""
+    """Return the derivatives of `clearances` by the end effectors. Array, shape (n_steps, n_manipulators, n_dims)."""
     aside = DIFFERENCE * np.eye(hands[0].size).reshape(-1, *hands.shape[1:])
     moved = hands[:, None, None] + np.stack([aside, -aside])
     found = clearances(scene, moved.reshape(-1, *hands.shape[1:])).reshape(len(hands), 2, *hands.shape[1:])
@@ -155,20 +154,19 @@ def clearance_slopes(scene: Scene, hands: Array) -> Array:
 
 
 def kept_clearance(scene: Scene, most: float) -> float:
-    """Return a margin on the clearance of samples, because hands also move between them [m].
+    """Return a clearance margin for motion between samples [m].
 
     Parameters
     ----------
-    most : largest margin [m]; half of what the ends have beyond the clearance, if that is less
+    most : largest margin [m]; half of the excess clearance of the ends, if that is less
     """
     ends = float(clearances(scene, np.stack([scene.start, scene.goal])).min())
     return max(0.0, min(most, 0.5 * (ends - scene.clearance)))
 
 
 def violation(problem: SystemProblem, hands: Array) -> float:
-    """Return the largest violation at the samples, at most 0 if there is none; [m], [m/s] or [m/s^2].
-
-    This is a peer's own check of a candidate; only the judge checks the time between the samples.
+    """Return the largest violation at the samples [m], [m/s] or [m/s^2]. It is at most 0 if there is none. This is a
+    peer's own check of a candidate; only the verification covers the time between the samples.
 
     Parameters
     ----------
@@ -193,13 +191,13 @@ def violation(problem: SystemProblem, hands: Array) -> float:
 
 
 class Best:
-    """The best candidate seen, offered whenever it looks feasible and is clearly cheaper than the last offer.
+    """Best candidate so far, offered when feasible and clearly cheaper.
 
     Parameters
     ----------
     problem : problem that is solved
-    offers : record that takes the offers
-    better : share of the cost of the last offer below which there is another
+    offers : record of the offers
+    better : cost relative to the last offer below which there is another
     """
 
     def __init__(self, problem: SystemProblem, offers: Offers, better: float = 0.99):
@@ -209,10 +207,8 @@ class Best:
         self.offered: tuple[float, Array | None] = np.inf, None
 
     def see(self, hands: Array, seconds: float | None = None) -> bool:
-        """Check a candidate, given at the problem's instants, and return whether it looks feasible.
-
-        `seconds` is when it was found; by default now.
-        """
+        """Check a candidate; return whether it looks feasible. The candidate is given at the problem's instants.
+        `seconds` is when it was found; by default now."""
         missed, cost = violation(self.problem, hands), float(cost_of(self.problem.scene, hands))
         rank = (max(missed, 0.0), cost)
         if self.hands is None or rank < self.rank:
@@ -223,23 +219,24 @@ class Best:
         return missed <= 0.0
 
     def close(self) -> None:
-        """Offer the best, unless it was the last that was offered."""
+        """Offer the best candidate, unless it was the last offer."""
         if self.hands is not None and self.hands is not self.offered[1]:
             self.offered = self.rank[1], self.hands
             self.offers.take(self.hands, self.seconds)
 
 
 def timed(hands_at: Callable[[Array], Array], problem: SystemProblem, n_places: int = 4001) -> Array:
-    """Return a path with a time law: from rest to rest, with the speed of minimum jerk along its length.
+    """Return a path with a time law, from rest to rest.
 
-    If that is too fast, the speed is constant except for ramps at both ends, as short as the limits allow. Length is
-    that of the hand that moves most, so that no hand is faster than the path.
+    The speed along its length is that of minimum jerk. If that is too fast, the speed is constant except for ramps
+    at both ends, as short as the limits allow. Length is that of the end effector that moves most, so that no end
+    effector is faster than the path.
 
     Parameters
     ----------
-    hands_at : function from shares of the path, (n,), to hands, (n, n_manipulators, n_dims) [m]; any spacing of
-        shares
-    n_places : places along the path at which its length is measured
+    hands_at : function from shares of the path, (n,), to end effectors, (n, n_manipulators, n_dims) [m]; any spacing
+        of shares
+    n_places : points along the path at which its length is measured
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Drake's `KinematicTrajectoryOptimization`: a B-spline through the positions of all hands.
+"""Drake's `KinematicTrajectoryOptimization`: a B-spline of end-effector positions.
 
 Distances (within half of their tolerance) and clearances are inequalities at even instants; clearances use comove's
 exact kernel and its central differences. J is a quadratic cost of the control points.
@@ -30,7 +30,7 @@ from comove.lab.systems import WEIGHTS, Offers, SystemProblem
 
 @dataclass(frozen=True)
 class Drake(Peer):
-    """SNOPT on Drake's programme, restarted from random points around the guess until a movement looks feasible.
+    """SNOPT on Drake's programme, restarted randomly until feasible. Restarts begin around the guess.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Drake(Peer):
         best.close()
 
     def values(self, basis: Any, s: Array) -> Array:
-        """Return the basis at shares of the duration; array, shape (n, n_control)."""
+        """Return the basis at shares of the duration; shape (n, n_control)."""
         return np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(self.n_control)] for at in s])
 
     def _optimisation(self, problem: SystemProblem, offers: Offers) -> Any:
@@ -118,7 +118,7 @@ class Drake(Peer):
         return optimisation
 
     def constrained(self, problem: SystemProblem, offers: Offers) -> Any:
-        """Return Drake's programme for a scene, from rest to rest, with its constraints but no duration or cost."""
+        """Return Drake's programme with a scene's constraints. It is from rest to rest, without duration and cost."""
         planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
         scene = problem.scene
         (n_hands, n_dims), n = scene.start.shape, scene.start.size
@@ -151,7 +151,7 @@ class Drake(Peer):
 
 
 def _clearance(problem: SystemProblem, offers: Offers, margin: float) -> Any:
-    """Return the constraint of the clearance, with at most that margin [m]."""
+    """Return the clearance constraint with at most a margin [m]."""
     solvers, autodiff = needed("pydrake.solvers"), needed("pydrake.autodiffutils")
     scene = problem.scene
     least = scene.clearance + kept_clearance(scene, margin)

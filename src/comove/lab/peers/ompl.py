@@ -1,8 +1,8 @@
-"""OMPL: sampling-based planners in the configuration space of the load, and on the manifold of its hands.
+"""OMPL's sampling-based planners, for payload poses or end-effector manifolds.
 
 They return a path, to which a time law is added: from rest to rest with the speed of minimum jerk along its length.
-States keep a margin of half of the checked step (5 mm) from everything, and along a motion no point of the load moves
-further than that step between two states, so that no collision is missed in between.
+States keep a margin of half of the checked step (5 mm) from everything, and along a motion no point of the payload
+moves further than that step between two states, so that no collision is missed in between.
 """
 
 from __future__ import annotations
@@ -36,11 +36,10 @@ class OmplSettings:
     Attributes
     ----------
     step : distance between the states that are checked along a motion [m]
-    range : length of a motion that a tree grows by [m]: better in all scenes tried than what OMPL chooses (0.35 to
-        0.41)
-    shorter : share of the path that was noted last below which another is
-    projections : steps of Newton's method onto the manifold, at most
-    simplifying : share of the budget that simplification may take
+    range : length of a motion that a tree grows by [m]: better in all scenes tried than OMPL's choice (0.35 to 0.41)
+    shorter : length relative to the last noted path below which another is noted
+    projections : largest number of steps of Newton's method onto the manifold
+    simplifying : largest share of the budget for simplification
     """
 
     step: float = 0.005
@@ -55,7 +54,8 @@ SETTINGS = OmplSettings()
 
 @dataclass(frozen=True)
 class OMPL(Peer):
-    """A planner in SE(2) or SE(3), whose metric bounds the travel of the farthest hand.
+    """Planner in SE(2) or SE(3) with a travel-bounding metric. The metric bounds the travel of the farthest end
+    effector.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class OMPL(Peer):
     modules = MODULES
 
     def refuses(self, scene: Scene) -> str:
-        """Return why a planner for one load that all hands hold does not suit the scene, empty if it does."""
+        """Return why a single-payload planner does not suit the scene. It is empty if it does."""
         if len(scene.groups) > 1 or scene.groups[0].orientation not in ("plane", "axis", "space"):
             return "It plans for one load that all hands hold and that may turn freely."
         return super().refuses(scene)
@@ -84,7 +84,7 @@ class OMPL(Peer):
         load.hands(np.stack([load.start, load.goal]), np.zeros(1))
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Plan, add a time law to the path, and offer it; or offer paths as they become shorter."""
+        """Plan, and offer the path with a time law. An improving planner offers paths as they become shorter."""
         base = needed("ompl.base")
         _quiet(problem.seed)
         load = OmplLoad(problem.scene, self.settings.step)
@@ -116,7 +116,7 @@ class OMPL(Peer):
 
 @dataclass(frozen=True)
 class ProjectedOMPL(Peer):
-    """RRTConnect on the manifold of hands that keep their distances, which it reaches by projection.
+    """RRTConnect on the manifold of fixed distances, by projection.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class ProjectedOMPL(Peer):
     modules = MODULES
 
     def refuses(self, scene: Scene) -> str:
-        """Return why the scene has no distances to project on, or peers cannot represent it; empty if it suits."""
+        """Return why the scene does not suit; empty if it does."""
         if not scene.distances:
             return "No distance ties the hands, so that there is nothing to project on."
         return super().refuses(scene)
@@ -176,7 +176,7 @@ class ProjectedOMPL(Peer):
 
 
 class OmplPlanning:
-    """A planner that is set up on a problem.
+    """Planner set up on a problem.
 
     Parameters
     ----------
@@ -207,14 +207,12 @@ class OmplPlanning:
 
     @property
     def path(self) -> Any:
-        """Return the present path."""
+        """Return the current path."""
         return self.wanted.getSolutionPath()
 
     def solve(self, note: Callable[[], None] = lambda: None) -> bool:
-        """Plan until the planner ends or the budget is used up; return whether there is a path.
-
-        Once there is a path, `note` is called whenever the planner asks whether to stop, after every small step.
-        """
+        """Plan until the planner or budget ends; return whether a path exists. Once there is a path, `note` is
+        called at every termination check of the planner, after every small step."""
 
         def stop() -> bool:
             if self.wanted.hasExactSolution():
@@ -225,7 +223,7 @@ class OmplPlanning:
         return bool(self.wanted.hasExactSolution())
 
     def simplify(self) -> None:
-        """Shorten the present path."""
+        """Shorten the current path."""
         budget, begun = self.problem.budget, self.offers.seconds
         until = min(begun + self.settings.simplifying * budget, budget)
         ended = needed("ompl.base").PlannerTerminationCondition(lambda: self.offers.seconds > until)
@@ -233,18 +231,18 @@ class OmplPlanning:
 
 
 class OmplLoad:
-    """A load in OMPL's coordinates: x, y and an angle, or x, y, z and a quaternion w x y z.
+    """Payload in OMPL's coordinates. They are x, y and an angle, or x, y, z and a quaternion w x y z.
 
     Parameters
     ----------
-    scene : scene whose load is held by all hands
+    scene : scene whose payload is held by all end effectors
     step : distance between the states that are checked along a motion [m]
 
     Attributes
     ----------
-    space : configuration space for the kernels of `comove.planning.configurations`, which interpolate as OMPL does
+    space : configuration space for the kernels of `comove.planning.configurations`, which interpolate like OMPL
     start, goal : arrays, shape (3,) or (7,)
-    reach : distance of the farthest hand from the centre [m]
+    reach : distance of the farthest end effector from the centre [m]
     margin : clearance that states keep [m]
     """
 
@@ -280,28 +278,30 @@ class OmplLoad:
         return np.array([state.getX(), state.getY(), state.getZ(), turn.w, turn.x, turn.y, turn.z])
 
     def path(self, path: Any) -> Array:
-        """Return the states of a path, and the start, which AORRTC (OMPL 2.0.1) omits if the way from it is free."""
+        """Return the states of a path, including the start. AORRTC (OMPL 2.0.1) omits the start if the path from it
+        is free."""
         states = np.array([self.read(state) for state in path.getStates()])
         begins = span(self.space, self.start, states[0]) < 1e-9
         return states if begins else np.concatenate([self.start[None], states])
 
     def hands(self, path: Array, shares: Array) -> Array:
-        """Return hands at shares of a path, (n,); path (n_states, n_columns) -> (n, n_manipulators, n_dims) [m]."""
+        """Return end effectors at shares of a path [m]. The shapes are (n_states, n_columns), (n,) -> (n,
+        n_manipulators, n_dims)."""
         (q,) = along(self.space, np.ascontiguousarray(path), np.ascontiguousarray(shares[None]))
         nodes = place(self.space.blocks, np.ascontiguousarray(q.T)[None], 1.0)[0]
         return nodes[:, : len(self.scene.manipulators), : self.n_dims]
 
 
 class Manifold:
-    """The manifold of hands that keep the independent distances; hands are stored one after the other.
+    """Manifold of end effectors that keep the independent distances. End effectors are stored one after the other.
 
     Parameters
     ----------
-    projections : steps of a projection, at most
+    projections : largest number of steps of a projection
 
     Attributes
     ----------
-    pairs : array of int, shape (n_distances, 2), hands
+    pairs : array of int, shape (n_distances, 2), end effectors
     wanted : array, shape (n_distances,), distances [m]
     tolerance : tolerance of a projection [m]
     """
@@ -314,7 +314,8 @@ class Manifold:
         self.tolerance = 0.1 * min(c.tolerance for c in scene.distances)
 
     def hands(self, states: Array, shares: Array) -> Array:
-        """Return projected hands at shares of a path; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
+        """Return projected end effectors at shares of a path [m]. The shapes are (n_states, n), (n_shares,) ->
+        (n_shares, n_hands, n_dims)."""
         length = np.linalg.norm(np.diff(states, axis=0), axis=1)
         at = np.concatenate([[0.0], np.cumsum(length)]) / max(length.sum(), 1e-12)
         x = interpolated(shares, at, states)
@@ -323,13 +324,13 @@ class Manifold:
         return x.reshape(-1, *self.shape)
 
     def project(self, x: Array, tolerance: float) -> bool:
-        """Move hands, shape (n_hands * n_dims,), onto the manifold in place; return whether they reached it."""
+        """Project end effectors onto the manifold in place; return success. Their shape is (n_hands * n_dims,)."""
         return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance, self.projections))
 
 
 @kernel
 def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float) -> bool:
-    """Return whether states between two keep a margin [m]; points move at most a step [m] between states."""
+    """Return whether all states between two keep a margin [m]. Points move at most a step [m] between states."""
     nodes, between = np.zeros((space.blocks.node.shape[0], 3)), p.copy()
     if clearance_of(space, q, nodes, margin) <= margin:
         return False
@@ -350,7 +351,8 @@ def distance_errors(
     Parameters
     ----------
     x : array, shape (n_hands * n_dims,), [m]
-    pairs, wanted : arrays, shapes (n_distances, 2) and (n_distances,): pairs of hands, and their distances [m]
+    pairs, wanted : arrays, shapes (n_distances, 2) and (n_distances,): pairs of end effectors, and their distances
+        [m]
     errors, slopes : arrays, shapes (n_distances,) [m] and (n_distances, n_hands * n_dims)
     """
     slopes[:] = 0.0
@@ -396,7 +398,7 @@ def _pose_space(base: Any, load: OmplLoad) -> Any:
 
 
 def _bounds(base: Any, lower: Array, upper: Array) -> Any:
-    """Return OMPL's bounds of a space of vectors; arrays, shape (n,)."""
+    """Return OMPL's bounds of a vector space; arrays, shape (n,)."""
     bounds = base.RealVectorBounds(len(lower))
     for axis, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
         bounds.setLow(axis, low)
@@ -405,12 +407,12 @@ def _bounds(base: Any, lower: Array, upper: Array) -> Any:
 
 
 def _margin(scene: Scene, ends: float, step: float) -> float:
-    """Return the clearance that states keep, less than the clearance `ends` of start and goal [m]."""
+    """Return the clearance of states, below that of the ends [m]."""
     return scene.clearance + max(0.0, min(step / 2, 0.9 * (ends - scene.clearance)))
 
 
 def _write(space: Any, load: OmplLoad, q: Array) -> Any:
-    """Convert a configuration, array of shape (n_columns,), to a state of OMPL."""
+    """Convert a configuration, shape (n_columns,), to a state of OMPL."""
     state, values = space.allocState(), [float(value) for value in q]
     if load.n_dims == 2:
         state.setX(values[0])
@@ -425,7 +427,7 @@ def _write(space: Any, load: OmplLoad, q: Array) -> Any:
 
 
 def _validator(base: Any, information: Any, load: OmplLoad) -> Any:
-    """Return a validator that checks a motion in one call, instead of one call per state."""
+    """Return a validator that checks a motion in one call. OMPL's own one makes a call per state."""
 
     class Validator(base.MotionValidator):
         def checkMotion(self, first: Any, second: Any, *last_valid: Any) -> bool:
@@ -455,7 +457,7 @@ def _constraint(base: Any, manifold: Manifold) -> Any:
 
 
 def _free_hands(scene: Scene, step: float) -> Callable[[Array], bool]:
-    """Return the check of hands, array of shape (n_hands * n_dims,), with the same kernel and margin as for poses."""
+    """Return the check of end effectors, shape (n_hands * n_dims,). Kernel and margin are the same as for poses."""
     coordinates = load_coordinates(scene)
     space, nodes = configuration_space(scene, coordinates), np.zeros((scene.body.n_nodes, 3))
     # A block for every hand: what ties them is not for the kernel to know.

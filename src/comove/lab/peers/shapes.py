@@ -1,9 +1,9 @@
-"""Peers that move primitives: optimisers on the shape weights of all hands, and a coupling of two hands.
+"""Peers with primitives: optimisers of shape weights, and a coupling.
 
-`Shapes` poses the optimisation problem. Every hand is a primitive of its own, whose ends hold by construction.
-Distances between hands, clearance and limits are constraints at samples. Because hands also move between the samples,
-the constraints keep a part of the tolerance as a margin: half of a tolerance, up to 5 mm of clearance, a tenth of a
-limit.
+`Shapes` defines the optimisation problem. Every end effector is a primitive of its own, whose ends hold by
+construction. Distances between end effectors, clearance and limits are constraints at samples. Because end effectors
+also move between the samples, the constraints keep a part of the tolerance as a margin: half of a tolerance, up to 5
+mm of clearance, a tenth of a limit. The coupling is of two end effectors.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from comove.model.shapes import spatial
 
 
 class Demand(NamedTuple):
-    """One demand on a movement.
+    """Requirement on a movement.
 
     Attributes
     ----------
     spare : amount by which it is met, negative if it is violated; array, shape (n_points, n_samples) [m], [m/s],
         [m/s^2]
     kept : margin that the constraints keep
-    at : array, shape (n_constraints,), the samples at which there are constraints
+    at : array, shape (n_constraints,), samples of the constraints
     """
 
     spare: Array
@@ -60,7 +60,7 @@ class SamplingSettings:
     Attributes
     ----------
     n_steps : samples of a movement; constraints hold at every second one, those of limits at every eighth
-    n_windows : windows of time, for each of which `Shapes.windows` tells the largest violations
+    n_windows : windows of time, for each of which `Shapes.windows` returns the largest violations
     tolerance, limit : shares of tolerances and of limits that are kept as margins
     clearance : clearance that is kept as a margin [m]
     scale : units of the constraints in a metre: decimetres are of the size of the weights
@@ -75,12 +75,12 @@ class SamplingSettings:
 
     @property
     def at(self) -> Integers:
-        """Return the samples at which there are constraints."""
+        """Return the samples of the constraints."""
         return np.arange(2, self.n_steps - 2, 2)
 
     @property
     def at_limits(self) -> Integers:
-        """Return the samples at which there are constraints on speed and acceleration."""
+        """Return the samples of the speed and acceleration constraints."""
         return self.at[::4]
 
 
@@ -88,13 +88,13 @@ SAMPLING = SamplingSettings()
 
 
 class Shapes:
-    """The optimisation problem whose unknowns x are offsets from the weights of the first guess; array, shape (n,).
+    """Optimisation problem over offsets from the first guess's weights. The unknowns x are an array of shape (n,).
 
     Parameters
     ----------
-    problem : problem whose hands move
-    offers : record that takes candidates which look feasible
-    n_basis : number of shape weights per hand and dimension
+    problem : problem whose end effectors move
+    offers : record of candidates that look feasible
+    n_basis : number of shape weights per end effector and dimension
     sampling : settings of the constraints
     """
 
@@ -115,7 +115,8 @@ class Shapes:
         self.note(self.seen, float(cost_of(scene, guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
-        """Return sampled hands of many points; x (n_points, n) -> (n_points, n_steps, n_manipulators, n_dims) [m].
+        """Return sampled end effectors of many points [m]. The shapes are (n_points, n) -> (n_points, n_steps,
+        n_manipulators, n_dims).
 
         Raises
         ------
@@ -132,11 +133,9 @@ class Shapes:
         return np.moveaxis(q, 1, 2).reshape(len(q), self.n_steps, *self.problem.scene.start.shape)
 
     def demands(self, hands: Array) -> list[Demand]:
-        """Return all demands of hands, (n_points, n_steps, n_manipulators, n_dims).
-
-        There are two for each distance (not too far, not too near), one for each separation, one for the clearance,
-        and one for speed and acceleration of each hand if they have limits.
-        """
+        """Return all requirements on end effectors. `hands` has the shape (n_points, n_steps, n_manipulators,
+        n_dims). There are two for each distance (not too far, not too near), one for each separation, one for the
+        clearance, and one for speed and acceleration of each end effector if they have limits."""
         scene, rate = self.problem.scene, (self.n_steps - 1) / self.problem.scene.duration
         keep, at, asked = self.sampling, self.sampling.at, []
         for c in scene.distances:
@@ -157,7 +156,7 @@ class Shapes:
         return asked
 
     def note(self, x: Array, cost: float, asked: list[Demand], k: int = 0) -> None:
-        """Keep a point, the k-th of those with these demands, if it is the best; offer it if it looks feasible."""
+        """Keep a point if it is the best; offer it if feasible. It is the k-th of those with these demands."""
         missed = -min(float(demand.spare[k].min()) for demand in asked)
         promise = (max(missed, 0.0), cost)
         if promise < self.promise:
@@ -167,31 +166,32 @@ class Shapes:
                 self.best.see(self.offered(x))
 
     def windows(self, asked: list[Demand]) -> Array:
-        """Return the largest violations in each window of time, with margins; array, shape (n_points, n_windows)."""
+        """Return the largest violations per time window, with margins. Array, shape (n_points, n_windows)."""
         edges = np.linspace(0, self.n_steps - 2, self.sampling.n_windows, endpoint=False, dtype=int)
         missed = [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked]
         return self.sampling.scale * np.concatenate(missed, axis=1)
 
     def offered(self, x: Array) -> Array:
-        """Return the hands of a point at the instants of an offer."""
+        """Return the end effectors of a point at the offer's instants."""
         weights = self.dmp.weights + x.reshape(self.dmp.weights.shape)
         return self.dmp.rollout(weights).hands(self.problem.instants)[0]
 
     def close(self) -> None:
-        """Offer the best point that was seen."""
+        """Offer the best point."""
         self.best.see(self.offered(self.seen))
         self.best.close()
 
     @cached_property
     def curvature(self) -> Array:
-        """Return the second derivatives of J, which is quadratic; array, shape (n, n)."""
+        """Return the second derivatives of the quadratic J; shape (n, n)."""
         steps = np.diff(self.phi, axis=0) * (self.n_steps - 1)
         block = WEIGHTS.goal * self.phi.T @ self.phi + WEIGHTS.velocity * steps.T @ steps
         block *= 2 / self.n_steps
         return np.kron(np.eye(self.n // len(block)), block)
 
     def cost_slope(self, hands: Array) -> Array:
-        """Return the gradient of J by the weights; hands (n_steps, n_manipulators, n_dims) -> (n,)."""
+        """Return the gradient of J by the weights; array, shape (n,). `hands` has the shape (n_steps,
+        n_manipulators, n_dims)."""
         scene, n = self.problem.scene, self.n_steps
         steps = np.diff(hands, axis=0)
         pull = np.diff(steps, axis=0, prepend=0.0 * steps[:1], append=0.0 * steps[:1]) * (n - 1) ** 2
@@ -199,19 +199,20 @@ class Shapes:
         return (by_hands.reshape(n, -1).T @ self.phi).ravel()
 
     def constraints(self, asked: list[Demand]) -> Array:
-        """Return the spare of demands beyond their margins, of the first point; array, shape (n_constraints,)."""
+        """Return the first point's spare beyond the margins. Array, shape (n_constraints,)."""
         return self.sampling.scale * np.concatenate(
             [demand.spare[0, demand.at] - demand.kept for demand in asked]
         )
 
     def constraint_slopes(self, hands: Array) -> Array:
-        """Return the derivatives of `constraints` by the weights; array, shape (n_constraints, n)."""
+        """Return the derivatives of `constraints` by the weights. Array, shape (n_constraints, n)."""
         scene, at, at_limits = self.problem.scene, self.sampling.at, self.sampling.at_limits
         rate, shape = (self.n_steps - 1) / scene.duration, scene.start.shape
         rows: list[Array] = []
 
         def of_hands(slopes: Array, phi: Array) -> Array:
-            """Convert slopes by hands (n_samples, n_hands, n_dims) to slopes by weights; phi (n_samples, n_basis)."""
+            """Convert slopes by end effectors to slopes by weights. The shapes are (n_samples, n_hands, n_dims),
+            (n_samples, n_basis) -> (n_samples, n)."""
             return (slopes[..., None] * phi[:, None, None]).reshape(len(slopes), -1)
 
         def apart(first: int, second: int) -> Array:
@@ -240,10 +241,8 @@ class Shapes:
 
 @dataclass(frozen=True)
 class PycmaAL(Peer):
-    """Pycma's `ConstrainedFitnessAL`, with the largest violation of each demand in 20 windows of time as constraints.
-
-    A run that ends is followed by another from the same guess, until the budget is used up.
-    """
+    """Pycma's `ConstrainedFitnessAL` with windowed constraints. They are the largest violations of each requirement
+    in 20 windows of time. A run that ends is followed by another from the same guess, until the budget is used up."""
 
     name: str
     n_basis: int = 16
@@ -293,7 +292,7 @@ class PycmaAL(Peer):
 
 @contextmanager
 def _silence(handler: Any, dummy: type) -> Iterator[None]:
-    """Suppress warnings (about demands that never change), and the folder that pycma makes even without a log."""
+    """Suppress warnings on constant demands, and pycma's log folder."""
     logger = handler._Logger
     handler._Logger = dummy  # as pycma's source advises
     try:
@@ -306,7 +305,7 @@ def _silence(handler: Any, dummy: type) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Scipy(Peer):
-    """`scipy.optimize.minimize`, restarted from random points around the guess until a movement looks feasible.
+    """`scipy.optimize.minimize`, restarted randomly until feasible. Restarts begin around the guess.
 
     Attributes
     ----------
@@ -319,7 +318,7 @@ class Scipy(Peer):
     modules = ("scipy.optimize",)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Minimise J subject to the constraints at the samples; all derivatives but those of clearances are exact."""
+        """Minimise J subject to the constraints at the samples. All derivatives but those of clearances are exact."""
         shapes, rng = Shapes(problem, offers, self.n_basis), np.random.default_rng(problem.seed)
         with suppress(PeerOutOfTime):
             for noise in growing(0.02, most=0.5):  # of the weights from which an attempt begins
@@ -365,10 +364,8 @@ class Scipy(Peer):
 
 @dataclass(frozen=True)
 class Coupled(Peer):
-    """A `DualCartesianDMP` with `CouplingTermDualCartesianDistance` that imitates the first guess.
-
-    The coupling, a spring between two hands on one phase after Gams et al. (2014), keeps a distance and ignores
-    obstacles.
+    """`DualCartesianDMP` with `CouplingTermDualCartesianDistance` that imitates the first guess. The coupling, a
+    spring between two end effectors on one phase after Gams et al. (2014), keeps a distance and ignores obstacles.
 
     Attributes
     ----------
@@ -381,13 +378,13 @@ class Coupled(Peer):
     modules = ("movement_primitives.dmp",)
 
     def refuses(self, scene: Scene) -> str:
-        """Return why the coupling of two hands does not suit the scene, empty if it does."""
+        """Return why the coupling does not suit the scene; empty if it does."""
         if len(scene.manipulators) != 2 or len(scene.distances) != 1:
             return "It couples two hands by one distance."
         return super().refuses(scene)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Imitate the first guess, roll out with the coupling, and offer the result."""
+        """Imitate the first guess, roll out with coupling, and offer it."""
         dmp = needed(self.modules[0])
         scene, (c,) = problem.scene, problem.scene.distances
         time = problem.instants * scene.duration

@@ -1,8 +1,8 @@
-"""Direct transcription: positions of all hands at knots are the unknowns of one non-linear programme for IPOPT.
+"""Direct transcription for IPOPT: end-effector positions at knots are unknown.
 
-Distances are equalities at the knots. Points along the load, every two centimetres, keep away from obstacles at the
-knots; a smooth lower bound of their smallest distance is one constraint per obstacle. Between the knots hands follow
-cubic splines.
+Distances are equalities at the knots. Points along the payload, every two centimetres, keep away from obstacles at
+the knots; a smooth lower bound of their smallest distance is one constraint per obstacle. Between the knots end
+effectors follow cubic splines.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class Transcription(Peer):
-    """IPOPT through CasADi, restarted from random points around the guess until a movement looks feasible.
+    """IPOPT through CasADi, restarted randomly until feasible. Restarts begin around the guess.
 
     Attributes
     ----------
     n_knots : number of knots
-    margin : margin on top of what smooth bounds stay below the distance [m]
-    spacing : distance between the points along the load [m]
+    margin : margin on top of the gap between smooth bounds and distances [m]
+    spacing : distance between the points along the payload [m]
     sharpness : sharpness of the smooth bounds [1/m]
-    stride : largest way from knot to knot [m]: with more, movements jump walls
+    stride : largest distance from knot to knot [m]: with more, movements jump walls
     limit : share of the limits of speed and acceleration that differences of knots keep
     """
 
@@ -66,7 +66,7 @@ class Transcription(Peer):
     modules = ("casadi",)
 
     def refuses(self, scene: Scene) -> str:
-        """Return why the scene cannot be represented, such as meshes without a formula; empty if it can."""
+        """Return why the scene cannot be represented; empty if it can. Meshes, for example, have no formula."""
         if (scene.obstacles[:, sd.KIND] == sd.POLYTOPE).any():
             return "It knows boxes, spheres, capsules, cylinders and ellipsoids, but no meshes."
         return super().refuses(scene)
@@ -93,7 +93,7 @@ class Transcription(Peer):
         best.close()
 
     def _programme(self, scene: Scene) -> tuple[Any, Any]:
-        """Return the programme and its unknowns: a matrix of n_knots rows, hands side by side in columns [m]."""
+        """Return the programme and its unknowns, of n_knots rows [m]."""
         casadi = needed("casadi")
         programme = casadi.Opti()
         (n_hands, n_dims), n_knots = scene.start.shape, self.n_knots
@@ -131,7 +131,8 @@ class Transcription(Peer):
         return programme, y
 
     def _clearance(self, scene: Scene) -> Any:
-        """Return smooth lower bounds of a configuration's distances, (n_hands * n_dims,), from each obstacle [m]."""
+        """Return smooth lower bounds of obstacle distances [m]. They are a function of a configuration, (n_hands *
+        n_dims,)."""
         casadi = needed("casadi")
         x = casadi.SX.sym("x", scene.start.size)
         hands = [x[i * scene.n_dims : (i + 1) * scene.n_dims] for i in range(len(scene.start))]
@@ -147,7 +148,7 @@ class Transcription(Peer):
         return casadi.Function("clearance", [x], [casadi.vertcat(*clear)])
 
     def _largest(self, values: list[Any], lowered: float) -> Any:
-        """Return a smooth upper bound of the largest value; a lower one if `lowered` is the log of their number."""
+        """Return a smooth bound of the largest value, upper unless `lowered`."""
         casadi = needed("casadi")
         top = values[0]
         for value in values[1:]:
@@ -156,7 +157,7 @@ class Transcription(Peer):
         return top + (casadi.log(total) - lowered) / self.sharpness
 
     def _distance(self, row: Array, point: Any, n_dims: int) -> Any:
-        """Return a smooth lower bound of the signed distance of a point, (n_dims,), from an obstacle [m]."""
+        """Return a smooth lower bound of a point's obstacle distance [m]. The point has the shape (n_dims,)."""
         casadi = needed("casadi")
         kind, size = int(row[sd.KIND]), row[sd.SIZE : sd.SIZE + 3]
         turn = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)[:n_dims]

@@ -1,4 +1,4 @@
-"""Pictures of measures of several series over several groups, with their intervals, one panel for each measure."""
+"""Figures of measures with intervals, one panel for each measure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Panel:
 def draw_measures(
     panels: Sequence[Panel], series: Sequence[str], groups: Sequence[str], *, columns: int = 4
 ) -> Figure:
-    """Draw one panel for each measure, with a row for each series and a colour for each group; bars are intervals.
+    """Draw one panel for each measure, with intervals as bars. Each series has a row, each group a colour.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def draw_measures(
 
 
 def _draw_panel(axes: Axes, panel: Panel, n_groups: int, spread: float = 0.24) -> None:
-    """Draw a measure; the marks of two groups are `spread` rows apart."""
+    """Draw a measure, with the marks of groups `spread` rows apart."""
     axes.set_title(panel.title, fontsize=10)
     if panel.floor is not None:
         axes.set_xscale("log")

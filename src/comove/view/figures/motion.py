@@ -1,4 +1,4 @@
-"""Pictures of a motion: the scene with the load at several states, and objective and constraint along the motion."""
+"""Figures of motions: the scene with payload states, objective and constraint."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ BROKEN = 1e-12  # m, above rounding
 
 
 def draw_scene(scene: Scene, *, duration: float = 5.0) -> Figure:
-    """Draw an unsolved scene: obstacles, and the load at the start and at the goal.
+    """Draw an unsolved scene with the payload at start and goal.
 
     Parameters
     ----------
-    duration : time for which moving obstacles are drawn where the scene leaves its own open [s]
+    duration : time for which moving obstacles are drawn where the scene's duration is open [s]
     """
     scene = scene if scene.is_timed else scene.timed(duration)
     views = views_of(scene)
@@ -59,9 +59,8 @@ def draw_motion(
     demonstration: Array | None = None,
     arms: Sequence[Array] = (),
 ) -> Figure:
-    """Draw scene, hands' paths and load at equal steps (the paper's Figure 6); below, speed and acceleration.
-
-    A spatial scene is drawn in perspective, and along the three axes.
+    """Draw a motion in its scene, with speed and acceleration below. End effectors' paths and the payload at equal
+    steps are shown (the paper's Figure 6). A spatial scene is drawn in perspective, and along the three axes.
 
     Parameters
     ----------
@@ -97,7 +96,7 @@ def _draw_arms(axes: Axes, arms: Sequence[Array], view: tuple[int, int]) -> None
 
 
 def draw_rates(figure: FigureBase, motion: CoordinatedMotion) -> None:
-    """Draw speed and acceleration of the hands over time, side by side."""
+    """Draw speed and acceleration of the end effectors, side by side."""
     s, duration = np.linspace(0.0, 1.0, 401), motion.scene.duration
     _, *rates = motion.hands(s)
     for i, (rate, name) in enumerate(zip(rates, ("speed [m/s]", "acceleration [m/s²]"), strict=True)):
@@ -119,12 +118,12 @@ def draw_side_by_side(
     states: bool = True,
     columns: int | None = None,
 ) -> Figure:
-    """Draw planar motions next to each other (the paper's Figures 3, 4 and 6).
+    """Draw planar motions side by side (the paper's Figures 3, 4, 6).
 
     Parameters
     ----------
     demonstrations : one for each motion, as in `draw_motion`
-    states : whether to draw the load at equal steps, not the paths alone
+    states : whether to draw the payload at equal steps, not the paths alone
     columns : motions in a row; all of them unless given
     """
     columns = columns or len(motions)
@@ -141,7 +140,7 @@ def draw_side_by_side(
 def draw_failures(
     motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, most_columns: int = 4
 ) -> Figure:
-    """Draw motions that break something next to each other, each with the load where that is worst.
+    """Draw motions that violate constraints, with their worst payload states.
 
     Of a spatial scene the first two axes are shown.
     """
@@ -155,7 +154,7 @@ def draw_failures(
 def draw_episodes(
     motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, most_columns: int = 6
 ) -> Figure:
-    """Draw motions as a contact sheet, each with the payload at equal steps.
+    """Draw motions as a contact sheet, with payload states.
 
     Of a spatial scene the first two axes are shown, from above.
     """
@@ -255,7 +254,7 @@ def _draw_objective(axes: Axes, motion: CoordinatedMotion, weight: float) -> Non
 
 
 def _draw_constraint(axes: Axes, motion: CoordinatedMotion) -> float:
-    """Draw the errors of the distances; returns how far the axis should reach to either side [m]."""
+    """Draw the distance errors; return the axis limit to either side [m]."""
     scene = motion.scene
     s = np.linspace(0.0, 1.0, 801)
     position, reach = motion.hands(s)[0], 0.0
@@ -296,7 +295,7 @@ def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """Draw obstacles; those that move several times, later ones darker, with the paths of their centres."""
+    """Draw obstacles, moving ones at several times with their paths. Later ones are darker."""
     draw_standing(axes, scene, view)
     if not scene.moving.any():
         return
@@ -309,7 +308,7 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """Draw the obstacles that do not move: in the plane themselves, in space their projections along the view."""
+    """Draw the static obstacles, in space as projections along the view."""
     solid = 1.0 if scene.n_dims == 2 else 0.35
     for mesh in np.flatnonzero(~scene.moving[scene.surfaces.owner]):
         _draw_triangles(axes, scene.surfaces.of(int(mesh))[:, :, list(view)])
@@ -318,7 +317,7 @@ def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 class MovingBorders:
-    """The borders of the moving obstacles of a scene in one view, computed once."""
+    """Borders of the moving obstacles in one view, computed once."""
 
     def __init__(self, scene: Scene, view: tuple[int, int]):
         self._scene, self._view, self._rows = scene, view, np.flatnonzero(scene.moving[scene.owners])
@@ -326,7 +325,7 @@ class MovingBorders:
         self._opacity = 1.0 if scene.n_dims == 2 else 0.35
 
     def at(self, table: Array) -> list[Array]:
-        """Return the borders, each of shape (n_points, 2), in a table of the obstacles where they are."""
+        """Return the borders of moving obstacles, shape (n_points, 2), by poses."""
         scene, center = self._scene, [CENTER + axis for axis in self._view]
         turns = scene.turning[scene.owners]
         return [
@@ -337,7 +336,7 @@ class MovingBorders:
         ]
 
     def draw(self, axes: Axes, table: Array, alpha: float, edge: str = MOVING) -> PolyCollection:
-        """Draw the obstacles of a table, of which those that move are where they are; returns what was drawn."""
+        """Draw the moving obstacles of a table; return the artist."""
         shapes = PolyCollection(
             self.at(table), facecolor=MOVING, edgecolor=edge, linewidth=0.6, alpha=alpha * self._opacity
         )
@@ -346,14 +345,14 @@ class MovingBorders:
 
 
 def _draw_triangles(axes: Axes, triangles: Array) -> None:
-    """Draw the projection of a mesh, darker where triangles overlap; triangles of shape (n, 3, 2)."""
+    """Draw the projection of a mesh, shape (n, 3, 2). It is darker where triangles overlap."""
     axes.add_collection(
         PolyCollection(list(triangles), facecolors="0.62", alpha=0.2, edgecolors="none", rasterized=True)
     )
 
 
 def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
-    """Return colours of the load by state: where it touches something, and where a distance is off.
+    """Return the payload's colours by contact and distance violation.
 
     Parameters
     ----------
@@ -365,13 +364,13 @@ def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
 
 
 def _excesses(scene: Scene, nodes: Array) -> Array:
-    """Return by how much a distance exceeds its tolerance at most in every state [m]; negative where none does."""
+    """Return states' largest distance error minus its tolerance [m]."""
     found = [c.error(nodes, scene.n_dims) - c.tolerance for c in scene.distances]
     return np.max(found, axis=0) if found else np.zeros(len(nodes))
 
 
 def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int], n_states: int = 801) -> None:
-    """Draw the load thick where it is deepest in something, and where a distance is most off, of so many states."""
+    """Draw the payload at deepest penetration and largest distance error."""
     scene, s = motion.scene, np.linspace(0.0, 1.0, n_states)
     nodes = motion.coordinates.motion(motion.at(s))[0]
     depths = -scene.clearances(nodes, s * scene.duration)
@@ -391,11 +390,12 @@ def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int], n_
 
 
 def _show_whole(axes: Axes, ways: Array, wider: float = 0.5) -> None:
-    """Widen the axes where hands leave the workspace; ways of shape (n_steps, n_hands, 2) [m].
+    """Widen the axes where end effectors leave the workspace.
 
     Parameters
     ----------
-    wider : by how much on a side at most, as a share of the workspace
+    ways : array, shape (n_steps, n_hands, 2), their paths [m]
+    wider : largest extension on a side, as a share of the workspace
     """
     for limits, place, least, most in (
         (axes.get_xlim(), axes.set_xlim, ways[..., 0].min(), ways[..., 0].max()),
@@ -408,7 +408,7 @@ def _show_whole(axes: Axes, ways: Array, wider: float = 0.5) -> None:
 
 
 def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> None:
-    """Draw the load's edges, or outlines of its solids, at every state; nodes of shape (n_states, n_nodes, 2)."""
+    """Draw the payload at states of shape (n_states, n_nodes, 2)."""
     solids = scene.body.solids
     bars = load_pairs(scene)
     outlines = [hull_outline(state[corners]) for state in nodes for corners in solids]

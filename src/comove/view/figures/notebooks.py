@@ -1,4 +1,4 @@
-"""Scenes and results as notebooks display them: a picture and a small table."""
+"""Notebook display of scenes and results: picture and small table."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DPI = 60
 
 
 def as_html(thing: Any) -> str:
-    """Return a picture and a small table as HTML, as notebooks display them.
+    """Return a picture and a small table as HTML for notebooks.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def as_html(thing: Any) -> str:
     Raises
     ------
     TypeError
-        If it is nothing of the kind.
+        If it is none of these.
     """
     if isinstance(thing, Scene):
         return _page(thing.name, (), draw_scene(thing), _contents(thing))

@@ -1,4 +1,4 @@
-"""Perspective picture of a spatial scene, seen from beside it."""
+"""Perspective picture of a spatial scene from the side."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def draw_perspective(
     demonstration: Array | None = None,
     arms: Sequence[Array] = (),
 ) -> None:
-    """Draw obstacles, the hands' paths and the load at some instants in perspective.
+    """Draw obstacles, end effectors' paths and payload states in perspective.
 
     Parameters
     ----------
     position : position of the panel, as for `add_subplot`
-    nodes : array, shape (n_states, n_nodes, 3), states in which the load is drawn [m]
+    nodes : array, shape (n_states, n_nodes, 3), drawn states of the payload [m]
     demonstration : array, shape (n_steps, n_manipulators, 3), [m], drawn dashed where given
-    arms : as of `draw_motion`
+    arms : as in `draw_motion`
     """
     elevation, aside = 24.0, 62.0  # deg: of the camera above the ground, and from the way as seen from above
     opaque, between = 0.42, 0.16  # the latter of what stands between the camera and the way
@@ -78,7 +78,7 @@ def draw_perspective(
 
 
 def _draw_load(axes: Any, scene: Scene, nodes: Array) -> None:
-    """Draw the load's edges at every state, and its solids as the faces of their hulls."""
+    """Draw the payload's edges and solids' hulls at every state."""
     lines = [state[list(pair)] for state in nodes for pair in load_pairs(scene)]
     if lines:
         axes.add_collection3d(Line3DCollection(lines, colors="0.1", linewidths=1.0, alpha=0.7, zorder=2))
@@ -97,14 +97,14 @@ def _draw_load(axes: Any, scene: Scene, nodes: Array) -> None:
 
 
 def _obstacles(scene: Scene) -> list[Array]:
-    """Return the faces of every obstacle at 0 s, cut off at the border; arrays, shape (n_faces, 3, 3) [m]."""
+    """Return the faces of all obstacles at 0 s, within the workspace. Arrays, shape (n_faces, 3, 3) [m]."""
     found = [scene.surfaces.of(mesh) for mesh in range(len(scene.surfaces.owner))]
     found += [obstacle_faces(row) for row in scene.obstacles[scene.convex_rows]]
     return [np.clip(faces, scene.lower, scene.upper) for faces in found]
 
 
 def _shaded(faces: Array, alpha: float) -> Array:
-    """Compute grey colours of faces by their angle to the light; array, shape (n_faces, 4)."""
+    """Compute grey colours of faces by their angle to the light. Array, shape (n_faces, 4)."""
     normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     light = np.array([0.35, -0.55, 0.75])  # where it comes from

@@ -1,7 +1,5 @@
-"""The pictures of a result, drawn in this process or in another one.
-
-Only drawing loads Matplotlib: whoever prepares pictures for another process does not wait for it.
-"""
+"""Pictures of a result, drawn in this process or another. Only drawing loads Matplotlib: a process that prepares
+pictures for another one does not wait for it."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ if TYPE_CHECKING:  # robots are an extra
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """The joint motion of a robot as `draw_joints` takes it.
+    """Joint motion of a robot, as input of `draw_joints`.
 
     Attributes
     ----------
@@ -46,7 +44,7 @@ class Joints:
 
     @classmethod
     def of(cls, robot: Robot, motion: Any) -> Joints:
-        """Return the motion of a robot's joints, `JointMotion` or another with the same arrays."""
+        """Return a robot's joint motion. It is a `JointMotion` or another object with the same arrays."""
         return cls(
             robot.name,
             tuple((arm.name, tuple(int(column) for column in arm.columns)) for arm in robot.arms),
@@ -64,13 +62,13 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """The contents of a solution's pictures, which can be sent to another process.
+    """Content of a solution's pictures, which can be pickled.
 
     Attributes
     ----------
     motion : motion of the end effectors
     title : title of the motion
-    demonstration, arms : as of `draw_motion`
+    demonstration, arms : as in `draw_motion`
     joints : joint motion of the robot, and its title; None without a robot
     """
 
@@ -104,7 +102,7 @@ class Pictures:
 
 
 def drawn(pictures: Pictures | None) -> dict[str, bytes]:
-    """Return pictures by the names of their files; of None nothing, once all that drawing needs is loaded."""
+    """Return pictures by file name; none for None. None only loads all modules that drawing needs."""
     from comove.view.figures.motion import draw_motion, draw_progress
     from comove.view.figures.robots import draw_joints
     from comove.view.figures.style import new_figure, png
@@ -132,7 +130,7 @@ def drawn(pictures: Pictures | None) -> dict[str, bytes]:
 
 
 def arms_along(joints: JointSolution | None, n_states: int = 4) -> list[Array]:
-    """Return the lines of a robot's arms at equal times, as `draw_motion` takes them; none without a robot."""
+    """Return a robot's arm lines at equal times; none without robot. They are as in `draw_motion`."""
     if joints is None:
         return []
     motion = joints.attempt
@@ -140,7 +138,7 @@ def arms_along(joints: JointSolution | None, n_states: int = 4) -> list[Array]:
 
 
 def arm_lines(robot: Robot, position: Array) -> list[Array]:
-    """Compute the places of every arm's joints and grasp frame.
+    """Compute the positions of all arms' joints and grasp frames.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Picture of the steps from a demonstration to a verified motion, each with its own data (the paper's Figure 1)."""
+"""Picture of the steps to a verified motion (the paper's Figure 1)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from comove.view.figures.style import COLOURS, GOAL, START, new_figure
 def draw_pipeline(
     demonstration: Demonstration, dmp: DMP, coordinated: CoordinatedMotion, optimised: CoordinatedMotion
 ) -> Figure:
-    """Draw a demonstration, its primitive, its coordination on one phase for all hands, and the optimised motion.
+    """Draw a demonstration, its primitive, and its coordinated and optimised motions.
 
     Parameters
     ----------

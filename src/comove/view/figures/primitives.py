@@ -1,4 +1,4 @@
-"""Pictures of movement primitives: one in detail, or a whole library at a glance."""
+"""Figures of movement primitives: one in detail, or a library."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def draw_primitive(
 
 
 def draw_library(primitives: Iterable[Primitive], *, title: str = "library", most: int = 120) -> Figure:
-    """Draw a contact sheet: every movement small, with its duration and the error of its fit; the first `most`."""
+    """Draw a contact sheet of the first `most` movements. Each has its duration and fit error."""
     primitives = list(primitives)
     shown = primitives[:most]
     rows = max(1, ceil(len(shown) / min(max(1, ceil(sqrt(1.5 * len(shown)))), 8)))
@@ -183,7 +183,7 @@ def _draw_acceleration(axes: Axes, dmp: DMP, unit: str) -> None:
 
 
 def _draw_orientation(axes: Axes, dmp: PoseDMP, demonstration: Demonstration | None) -> None:
-    """Draw the primitive's quaternions, and those of the recording with the signs that fit them."""
+    """Draw the primitive's quaternions, and the recording's with fitting signs."""
     if demonstration is not None and demonstration.orientation is not None:
         recorded = demonstration.orientation
         fitted = dmp.at(demonstration.time).orientation
@@ -198,7 +198,7 @@ def _draw_orientation(axes: Axes, dmp: PoseDMP, demonstration: Demonstration | N
 
 
 def _draw_forcing(axes: Axes, dmp: DMP) -> None:
-    """Draw the basis functions of the forcing term; there are two (or one) more than weights, for the ends."""
+    """Draw the basis functions of the forcing term. There are two (or one) more than weights, for the ends."""
     n_basis = dmp.weights.shape[1]
     if dmp.variant is Variant.RHYTHMIC:
         psi, formula = von_mises(n_basis + 1), "ψ(t)"
@@ -216,7 +216,7 @@ def _draw_forcing(axes: Axes, dmp: DMP) -> None:
 
 
 def _goals(dmp: DMP, view: tuple[int, ...], goals: ArrayLike | None) -> Array:
-    """Return the given goals, or some around the primitive's own, at a distance in proportion to its extent."""
+    """Return the given goals, or some around the primitive's own. Their distance is in proportion to its extent."""
     if goals is not None:
         return np.atleast_2d(np.asarray(goals, dtype=float))
     extent = float(np.ptp(_played(dmp).position, axis=0).max()) or 1.0
@@ -230,19 +230,19 @@ def _goals(dmp: DMP, view: tuple[int, ...], goals: ArrayLike | None) -> Array:
 
 
 def _played(dmp: DMP, until: float = 0.0) -> Trajectory:
-    """Return the movement; for a rhythmic one two periods, or until a time [s] if that is longer."""
+    """Return the movement, a rhythmic one for two periods. It is longer where `until` [s] requires it."""
     end = max(2 * dmp.duration, until) if dmp.variant is Variant.RHYTHMIC else dmp.duration
     return dmp.at(np.linspace(0.0, end, N_STEPS * max(1, round(end / dmp.duration))))
 
 
 def _view(played: Trajectory) -> tuple[int, ...]:
-    """Return the coordinates that are drawn against each other: the two of the largest range, or a single one."""
+    """Return the one or two coordinates of the largest range."""
     farthest = np.argsort(-np.ptp(played.position, axis=0), kind="stable")[:2]
     return tuple(sorted(farthest.tolist()))
 
 
 def _seen(played: Trajectory | Demonstration, view: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return abscissa and ordinate: two coordinates of the path, or time and a single coordinate."""
+    """Return abscissa and ordinate: two coordinates, or time and one."""
     if len(view) == 1:
         return played.time, played.position[:, 0]
     return played.position[:, view[0]], played.position[:, view[1]]
@@ -269,7 +269,7 @@ def _frame(axes: Axes, dmp: DMP, view: tuple[int, ...], unit: str) -> None:
 
 
 def _square(axes: Axes) -> None:
-    """Make both scales equal in a square; limits and size are so fixed before the layout."""
+    """Make both scales equal in a square with fixed limits."""
     limits = np.array([axes.get_xlim(), axes.get_ylim()])
     middle, reach = limits.mean(axis=1), np.ptp(limits, axis=1).max() / 2
     axes.set(xlim=middle[0] + [-reach, reach], ylim=middle[1] + [-reach, reach])
@@ -277,7 +277,6 @@ def _square(axes: Axes) -> None:
 
 
 def _name_curves(axes: Axes, count: int) -> None:
-    """Draw a legend above the axes, where no curve is."""
     axes.legend(
         frameon=False,
         ncols=count,

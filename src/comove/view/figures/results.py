@@ -1,4 +1,4 @@
-"""A solution as a result folder: its files, and the pictures of it."""
+"""Result folders of solutions, with pictures."""
 
 from __future__ import annotations
 
@@ -26,16 +26,15 @@ def save_result(
     made: Mapping[Path, bytes] = MappingProxyType({}),
     pictures: bool = True,
 ) -> dict[str, Any]:
-    """Write a solution, its scene, what it was made from and its pictures into an existing folder.
-
-    Of a robot's solution, the files and the picture of its joints' motion are written as well.
+    """Write a solution, its scene, inputs and pictures into a folder. Of a robot's solution, the files and the
+    picture of its joint motion are written as well.
 
     Parameters
     ----------
-    wall_time_s : time that the summary states for all of it [s]
+    wall_time_s : total time for the summary [s]
     demonstration : movement that is drawn beside the motion
-    source : name or path of the description of its robot; what the scene says unless given
-    command, made : as of `comove.results.inputs.write_inputs`
+    source : name or path of the description of its robot; that of the scene unless given
+    command, made : as in `comove.results.inputs.write_inputs`
     pictures : whether pictures are drawn
 
     Returns

@@ -1,4 +1,4 @@
-"""Pictures of robots: one at home from three sides, with what its hands reach; and the joints along its motion."""
+"""Figures of robots: home configuration with reach, and joint motions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OF_ARMS = ("#8e44ad", "#d68910", "#16a085", "#7f8c8d")  # none of them the colou
 
 
 def draw_joints(joints: Joints, *, title: str = "") -> Figure:
-    """Draw positions (between the limits), speeds and accelerations (as shares of theirs) of every arm's joints."""
+    """Draw joint positions, speeds and accelerations relative to their limits."""
     rows = (
         ("position in its range", 2 * (joints.position - joints.lower) / (joints.upper - joints.lower) - 1),
         ("share of speed", joints.velocity / joints.velocity_limit),
@@ -64,11 +64,11 @@ def draw_joints(joints: Joints, *, title: str = "") -> Figure:
 
 
 def draw_robot(robot: Robot, found: Examination, *, most_places: int = 600, axis: float = 0.1) -> Figure:
-    """Draw a robot at home in three views: links, grasp frames, and the places that its hands reach.
+    """Draw a robot at home in three views. The views show links, grasp frames, and reached positions.
 
     Parameters
     ----------
-    most_places : places of each hand that are drawn
+    most_places : largest number of drawn positions for each end effector
     axis : length of the axes of a grasp frame [m]
     """
     figure = new_figure(15.0, 5.6)
@@ -105,7 +105,7 @@ def draw_robot(robot: Robot, found: Examination, *, most_places: int = 600, axis
 
 
 def _bodies(robot: Robot) -> list[tuple[Array, float]]:
-    """Return centre and radius [m] of a ball around every collision body."""
+    """Return centre and radius [m] of each collision body's bounding ball."""
     import pinocchio as pin
 
     geometry = robot.collision

@@ -1,4 +1,4 @@
-"""Pictures and animations of executions among moving obstacles (the counterpart of the paper's Figure 2)."""
+"""Figures and animations of executions among moving obstacles. They are the counterpart of the paper's Figure 2."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from comove.view.figures.style import COLOURS, GOAL, Mover, draw_way, new_figure
 
 
 def draw_run(record: Record, *, n_states: int = 13) -> Figure:
-    """Draw an execution: paths of the hands, the load and the obstacles at equal steps, later ones darker."""
+    """Draw an execution's paths, payload and obstacles at equal steps."""
     scene, views = record.scene, views_of(record.scene)
     figure = new_figure(5.4 * len(views) + 0.4, 6.2)
     for i, view in enumerate(views):
@@ -49,12 +49,12 @@ def animate_run(
     trail: float = 1.0,
     dpi: int = 70,
 ) -> None:
-    """Write an execution as an animated GIF in real time, or faster where it is long.
+    """Write an execution as an animated GIF in real time. Long ones are faster.
 
     Parameters
     ----------
-    rate, most_frames : frames a second [Hz], and all of them
-    trail : how much of the ways is drawn behind the hands [s]
+    rate, most_frames : frames a second [Hz], and their largest number
+    trail : drawn duration of the paths behind the end effectors [s]
     """
     scene, views = record.scene, views_of(record.scene)
     n_frames = int(np.clip(record.time[-1] * rate, 2, most_frames))
@@ -82,14 +82,13 @@ def moving_scene(
     trail: float,
     tone: Callable[[int], str] = lambda step: "0.1",
 ) -> Mover:
-    """Return what draws obstacles that move, the load, the hands and the last part of their ways.
-
-    Once an execution is over, hands stay where they are, and obstacles go on as the scene says.
+    """Return the mover of obstacles, payload, end effectors and their trails. After the end of an execution, end
+    effectors stay, and obstacles continue as the scene says.
 
     Parameters
     ----------
-    trail : how much of the ways is drawn [s]
-    tone : colour of the load by the step
+    trail : drawn duration of the paths [s]
+    tone : colour of the payload by step
     """
     scene, (last, period) = record.scene, (len(record.time) - 1, record.time[1] - record.time[0])
     borders = MovingBorders(scene, view)
@@ -119,7 +118,7 @@ def moving_scene(
 
 
 def _moving_title(axes: Axes, record: Record) -> Mover:
-    """Return what tells the time."""
+    """Return the mover of a title with the time."""
 
     def told(time: float) -> str:
         return f"{record.scene.name}, {time:.1f} s"
@@ -135,14 +134,12 @@ def _moving_title(axes: Axes, record: Record) -> Mover:
 
 
 def load_lines(scene: Scene, nodes: Array) -> list[Array]:
-    """Return the lines that draw a load, or the pairs of hands kept at a distance where there is none; each of shape
-    (2, n).
-
-    The outline of a solid that is not a box is one longer line.
+    """Return the lines of a payload, arrays of shape (2, n). Without a payload they join end effectors kept at a
+    distance. The outline of a solid that is not a box is one longer line.
 
     Parameters
     ----------
-    nodes : array, shape (n_nodes, n), hands first, then corners of the load [m]
+    nodes : array, shape (n_nodes, n), end effectors first, then corners of the payload [m]
     """
     pairs, solids, lines = load_pairs(scene), scene.body.solids, []
     if solids.shape[1] == N_CORNERS:

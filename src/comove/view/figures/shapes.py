@@ -1,4 +1,4 @@
-"""Outlines and faces of convex bodies, and the bars of loads, for pictures of them."""
+"""Outlines and faces of convex bodies, and bars of payloads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from comove.model.scene import Scene
 
 
 def support_points(row: Array, directions: Array) -> Array:
-    """Return the points of a convex obstacle that are farthest in some directions; arrays, shape (n, 3) [m].
+    """Return the extreme points of a convex obstacle in given directions. Arrays, shape (n, 3) [m].
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def support_points(row: Array, directions: Array) -> Array:
 
 
 def outline(row: Array, view: tuple[int, int]) -> Array:
-    """Compute the border of an obstacle's projection onto a plane of two axes; array, shape (n, 2) [m]."""
+    """Compute the border of an obstacle's projection onto two axes. Array, shape (n, 2) [m]."""
     angles = np.linspace(0.0, 2 * np.pi, 181)
     directions = np.zeros((len(angles), 3))
     directions[:, view[0]], directions[:, view[1]] = np.cos(angles), np.sin(angles)
@@ -49,7 +49,7 @@ def outline(row: Array, view: tuple[int, int]) -> Array:
 
 
 def hull_outline(corners: Array) -> Array:
-    """Return the corners, shape (n, 2), of the convex hull of points, in order."""
+    """Return the corners of a convex hull in order, shape (n, 2)."""
     angles = np.linspace(0.0, 2 * np.pi, 721)
     farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
     return corners[list(dict.fromkeys(farthest.tolist()))]
@@ -57,7 +57,8 @@ def hull_outline(corners: Array) -> Array:
 
 @lru_cache(maxsize=4)
 def all_around(around: int, along: int) -> Array:
-    """Return unit vectors in all directions, so many about the vertical and along it; array, shape (n, 3)."""
+    """Return unit vectors in all directions; array, shape (n, 3). `around` and `along` are their numbers about the
+    vertical and along it."""
     u, v = np.meshgrid(
         0.01 + np.linspace(0.0, 2 * np.pi, around, endpoint=False), np.linspace(-1.0, 1.0, along)
     )
@@ -66,15 +67,13 @@ def all_around(around: int, along: int) -> Array:
 
 
 def obstacle_faces(row: Array) -> Array:
-    """Return triangles of the surface of a convex obstacle, outwards; array, shape (n_faces, 3, 3) [m]."""
+    """Return outward surface triangles of a convex obstacle. Array, shape (n_faces, 3, 3) [m]."""
     return hull_faces(support_points(row, all_around(20, 10)))
 
 
 def hull_faces(points: Array) -> Array:
-    """Return the triangles of the convex hull of points, outwards; array, shape (n_faces, 3, 3).
-
-    There are none if the points lie in a plane.
-    """
+    """Return outward triangles of the convex hull of points. Array, shape (n_faces, 3, 3), empty if the points lie
+    in a plane."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -89,6 +88,7 @@ def hull_faces(points: Array) -> Array:
 
 
 def load_pairs(scene: Scene) -> list[tuple[int, int]]:
-    """Return the nodes between which a load is drawn as bars: its edges, or tied hands where there is no load."""
+    """Return the pairs of nodes that are drawn as bars. They are the payload's edges, or end effectors kept at a
+    distance without a payload."""
     edges = [(int(a), int(b)) for a, b in scene.body.edges if a != b]
     return edges if edges or len(scene.body.solids) else [(c.first, c.second) for c in scene.distances]

@@ -1,4 +1,4 @@
-"""Colours, figures without a window, and their files: pictures, and films."""
+"""Colours, offscreen figures, and files of pictures and films."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ Mover = Callable[[float], list[Artist]]
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without a window; sizes in inches."""
+    """Return an offscreen figure; sizes in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 110) -> None:
-    """Write a figure as the suffix of `path` says, a PNG as `png` makes it."""
+    """Write a figure as the path's suffix says, a PNG by `png`."""
     if Path(path).suffix != ".png":
         figure.savefig(path, dpi=dpi)
         return
@@ -45,7 +45,7 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 110) -> None:
 
 
 def png(figure: Figure, *, dpi: int = 110) -> bytes:
-    """Return a figure as a PNG; `savefig` would draw it once more, to lay it out."""
+    """Return a figure as a PNG. `savefig` would draw it once more, to lay it out."""
     figure.set_dpi(dpi)
     if layout := figure.get_layout_engine():
         layout.execute(figure)
@@ -61,7 +61,7 @@ def png_uri(figure: Figure, dpi: int) -> str:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Write a figure to a place of the user's choice, whole or not at all.
+    """Write a figure to a path of the user, atomically.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def save_picture(figure: Figure, path: Path) -> None:
 
 
 def draw_way(axes: Axes, path: NDArray, goal: NDArray, hand: int, label: str) -> None:
-    """Draw the way of a hand with its start and its goal; arrays, shape (n_steps, n_axes) and (n_axes,) [m]."""
+    """Draw an end effector's path with start and goal. Arrays, shape (n_steps, n_axes) and (n_axes,) [m]."""
     axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=label)
     axes.plot(*path[:1].T, "o", color=START, markersize=7, zorder=5)
     axes.plot(*goal[:, None], "s", color=GOAL, markersize=7, zorder=5)
@@ -89,12 +89,12 @@ def write_gif(
     *,
     n_tones: int = 128,
 ) -> None:
-    """Write an animated GIF that repeats itself; static artists are drawn once, moving ones for every frame.
+    """Write a looping animated GIF. Static artists are drawn once, moving ones for every frame.
 
     Parameters
     ----------
     times : array, shape (n_frames,) [s]
-    durations : how long each frame is shown [ms]
+    durations : display time of each frame [ms]
     n_tones : colours of the whole film
     """
     figure.set_dpi(dpi)

@@ -1,1 +1,2 @@
-"""The workbench in the browser: scenes and motions drawn in space, steered by hand, each motion verified anew."""
+"""Interactive workbench in the browser. Scenes and motions are drawn in space and edited by hand; each motion is
+verified again."""

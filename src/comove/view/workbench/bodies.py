@@ -1,6 +1,6 @@
-"""A robot as a page draws it: the visible bodies of its links by the joint that carries them, and the joints' poses.
+"""Robots as drawn by a page: visible bodies and joint poses.
 
-The meshes of a URDF have far more triangles than a page needs. Corners within one cell of a lattice become one, and
+The meshes of a URDF have far more triangles than a page needs. Corners within one cell of a lattice are merged, and
 the cells grow until the whole robot has few enough triangles.
 """
 
@@ -32,7 +32,7 @@ PLAIN = colour_of("#b4b9c1")  # of what a URDF gives no colour
 
 @dataclass(frozen=True, eq=False)
 class LinkSurface:
-    """The surface of all that one joint carries in one colour.
+    """Surface of all bodies of one joint and colour.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class LinkSurface:
 
 
 def robot_of(scene: Scene) -> Robot | None:
-    """Return the robot that a scene names; None where it names none.
+    """Return the robot that a scene names; None without one.
 
     Raises
     ------
@@ -68,12 +68,12 @@ def robot_of(scene: Scene) -> Robot | None:
 def bodies_of(
     robot: Robot, *, most_triangles: int = 60_000, cell: float = 0.003, growth: float = 1.3
 ) -> tuple[LinkSurface, ...]:
-    """Return the visible bodies of a robot's links, simplified; those that cannot be read are left out.
+    """Return the simplified visible bodies of a robot's links. Unreadable ones are left out.
 
     Parameters
     ----------
     most_triangles : triangles of the whole robot
-    cell : side of the cells in which corners become one, at first [m]
+    cell : initial side of the cells in which corners are merged [m]
     growth : factor by which cells grow while there are too many triangles
     """
     parts: dict[tuple[int, Colour], list[Array]] = {}
@@ -111,7 +111,7 @@ def poses_of(robot: Robot, position: Array) -> Array:
 
 
 def simplified(surface: Surface, cell: float) -> Surface:
-    """Return a surface of which all corners within one cell of a lattice are one, in their middle.
+    """Merge all corners of a surface within each cell of a lattice. A merged corner is at their mean.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def _keys(rows: Integers) -> Integers:
 
 
 def _visible(robot: Robot) -> Iterator[tuple[int, Colour, Array]]:
-    """Yield the joint, the colour and the triangles, in the joint's frame, of all that is visible of a robot."""
+    """Yield joint, colour and triangles of a robot's visible bodies. Triangles are in the joint's frame."""
     import pinocchio as pin
 
     for source in robot.sources:
@@ -166,7 +166,7 @@ def _numbers(text: str) -> Array:
 
 
 def _material(visual: ET.Element, materials: Mapping[str | None, ET.Element]) -> Colour:
-    """Return the colour that a URDF gives to a visual body."""
+    """Return the colour of a URDF's visual body."""
     own = visual.find("material")
     named = None if own is None else materials.get(own.get("name"))
     for material in (own, named):
@@ -182,7 +182,7 @@ def _bytes(colour: Iterable[float]) -> Colour:
 
 
 def _triangles(geometry: ET.Element | None, file: Path) -> Iterator[tuple[Array, Colour | None]]:
-    """Yield triangles, array of shape (n, 3, 3) [m], and their colour, of a geometry in its own frame."""
+    """Yield triangles of a geometry in its own frame, with colours. Arrays, shape (n, 3, 3) [m]."""
     shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
         return
@@ -207,7 +207,7 @@ def _triangles(geometry: ET.Element | None, file: Path) -> Iterator[tuple[Array,
 
 
 def _mesh(named: str, file: Path) -> Iterator[tuple[Array, Colour | None]]:
-    """Yield the parts of a mesh by colour; in one piece where their colours cannot be read, none if nothing can."""
+    """Yield a mesh by colour, in one piece if colours are unreadable."""
     from comove.robots.urdf import resolve
     from comove.sim.meshes import as_obj, coloured_parts
 
@@ -225,6 +225,6 @@ def _mesh(named: str, file: Path) -> Iterator[tuple[Array, Colour | None]]:
 
 @lru_cache(maxsize=64)
 def _corners(part: Path) -> Array:
-    """Return the triangles of a mesh's part, array of shape (n, 3, 3) [m]; equal arms share their meshes."""
+    """Return a mesh part's triangles, shape (n, 3, 3) [m]. They are cached, since equal arms share their meshes."""
     vertices, faces = triangles_of(part.read_bytes(), part.suffix)
     return vertices[faces]

@@ -1,4 +1,4 @@
-"""A second motion beside the first, on one clock: another method's, one that is held, or a stored one."""
+"""Second motion beside the first, on one clock. It is another method's, a held one, or a stored one."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ CHOICES = (NOTHING, HELD, *OWN)  # and what was named
 
 
 class Comparison:
-    """The motion that stands beside that of a page.
+    """Motion shown beside that of a page.
 
     Parameters
     ----------
     loop : event loop of the page
     panels : panels of the page
-    items : what was named and can stand beside, by choice
+    items : named scenes and results that can be shown beside, by choice
     drawn : function that is called when a motion has been drawn
     times : times of another method's search
     """
@@ -48,12 +48,12 @@ class Comparison:
         self._asked = -1
 
     def choose(self, choice: Any, first: Stage, draft: Draft, folder: Path) -> None:
-        """Show another method's motion, the one that is shown now, a stored one, or nothing.
+        """Show another method's motion, the present one, a stored one, or nothing.
 
         Parameters
         ----------
-        first : stage that it stands beside
-        draft, folder : what another method solves, and the folder that its paths are relative to
+        first : stage beside which it is shown
+        draft, folder : draft for another method, and the folder to which its paths are relative
         """
         if choice not in CHOICES and choice not in self.items:
             return
@@ -75,7 +75,7 @@ class Comparison:
         self._drawn()
 
     def renew(self, first: Stage, draft: Draft, folder: Path) -> None:
-        """Draw the scene anew after a change, and ask for the method's motion; others stay as they are."""
+        """Draw the changed scene, and request the method's motion again. Other motions stay unchanged."""
         if self.chosen in OWN:
             self._ask_method(first, draft, folder)
         elif self.stage is not None:
@@ -86,7 +86,7 @@ class Comparison:
         self._ask(replace(draft, method=self.chosen), folder)
 
     def _lay(self, first: Stage, drawn: Stage) -> None:
-        """Draw to the right of a stage what another stage holds."""
+        """Draw the content of another stage to the right."""
         self.stage = Stage.beside(first, drawn.scene)
         self.stage.touches = drawn.touches
         self.stage.draw_scene()
@@ -126,18 +126,18 @@ class Comparison:
         self._drawn()
 
     def show(self, time: float) -> None:
-        """Show an instant [s], or the end where it comes later."""
+        """Show an instant [s], or the end if that is earlier."""
         if self.stage is not None and self.stage.recording is not None:
             self.stage.show(self.stage.recording.index_at(time))
 
     @property
     def end(self) -> float:
-        """Return the end of the motion beside, 0 without one [s]."""
+        """Return the end of the second motion [s], or 0."""
         recording = None if self.stage is None else self.stage.recording
         return 0.0 if recording is None else float(recording.time[-1])
 
     def close(self) -> None:
-        """Free the planner, whose further answers are not heard."""
+        """Close the planner; its further answers are ignored."""
         if self._link is not None:
             self._link.close()
             self._link = None

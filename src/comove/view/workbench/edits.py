@@ -1,7 +1,5 @@
-"""Changes of a scene by hand, as functions from the contents of a scene file to others, and their history.
-
-Nothing here checks a scene: reading the contents anew does, and says in words what is wrong.
-"""
+"""Interactive edits of a scene, as functions of file contents, with history. Nothing here checks a scene: reading
+the contents again does, and reports errors in words."""
 
 from __future__ import annotations
 
@@ -28,15 +26,15 @@ OBJECTIVES = ("as the scene says", *AIMS)
 
 @dataclass(frozen=True)
 class Draft:
-    """A scene on the bench, and how it shall be solved.
+    """Edited scene, with settings of its solution.
 
     Attributes
     ----------
     contents : contents of the scene file; never changed in place
     method, objective : names from `comove.methods.OWN` and `OBJECTIVES`
-    resemblance : how near to the demonstration, from 0 to 1; None leaves it to the scene
+    resemblance : closeness to the demonstration, from 0 to 1; that of the scene unless given
     seed : seed of all random numbers
-    taught : movement that was shown in the page, rows of time [s] and position [m]; None leaves it to the scene
+    taught : movement demonstrated in the page, rows of time [s] and position [m]; that of the scene unless given
     """
 
     contents: Contents
@@ -63,7 +61,7 @@ class Draft:
             )
 
     def with_contents(self, contents: Contents) -> Draft:
-        """Return the draft of another scene, to be solved in the same way."""
+        """Return the draft with another scene and the same settings."""
         return replace(self, contents=contents)
 
 
@@ -73,42 +71,42 @@ def _is_share(value: object) -> bool:
 
 @dataclass(frozen=True)
 class History:
-    """Drafts in their order, with the one that is shown; a new one removes those that were undone."""
+    """Drafts in order, with the present one. A new one removes those that were undone."""
 
     drafts: tuple[Draft, ...]
     at: int = 0
 
     @property
     def now(self) -> Draft:
-        """Return the draft that is shown."""
+        """Return the present draft."""
         return self.drafts[self.at]
 
     def then(self, draft: Draft, most: int = 200) -> History:
-        """Return the history after a change, with so many drafts at most."""
+        """Return the history after a change, with `most` drafts at most."""
         if draft == self.now:
             return self
         kept = (*self.drafts[: self.at + 1], draft)[-most:]
         return History(kept, len(kept) - 1)
 
     def undone(self) -> History:
-        """Return the history one step back; itself at the beginning."""
+        """Return the history one step back, if there is one."""
         return replace(self, at=max(self.at - 1, 0))
 
     def redone(self) -> History:
-        """Return the history one step forth; itself at the end."""
+        """Return the history one step forward, if there is one."""
         return replace(self, at=min(self.at + 1, len(self.drafts) - 1))
 
 
 @dataclass(frozen=True)
 class Grip:
-    """Something in a scene that can be taken and moved.
+    """Movable element of a scene.
 
     Attributes
     ----------
     kind : "obstacle", "start" or "goal"
-    number : of the obstacle, or of the rigid group of hands
-    hands : hands that move along, by number; none for an obstacle
-    turns : whether it may be turned as well
+    number : of the obstacle, or of the rigid group of end effectors
+    hands : end effectors that move along, by number; none for an obstacle
+    turns : whether it can be rotated as well
     """
 
     kind: str
@@ -123,7 +121,7 @@ class Grip:
 
 
 def contents_of(scene: Scene) -> Contents:
-    """Return the contents from which a scene is read again, with its ends as they were moved onto constraints."""
+    """Return a scene's file contents, with ends projected onto constraints."""
     contents = scene.file.model_dump(mode="json")
     for manipulator, start, goal in zip(contents["manipulators"], scene.start, scene.goal, strict=True):
         manipulator |= {"start": start.tolist(), "goal": goal.tolist()}
@@ -131,7 +129,7 @@ def contents_of(scene: Scene) -> Contents:
 
 
 def grips_of(scene: Scene) -> tuple[Grip, ...]:
-    """Return everything in a scene that can be moved: obstacles, then starts and goals of its rigid groups."""
+    """Return all movable elements of a scene. They are obstacles, then starts and goals of its rigid groups."""
     found = [
         Grip("obstacle", i, turns=obstacle.shape != "sphere")
         for i, obstacle in enumerate(scene.file.obstacles)
@@ -145,7 +143,8 @@ def grips_of(scene: Scene) -> tuple[Grip, ...]:
 
 
 def place_of(contents: Contents, grip: Grip) -> Array:
-    """Return where a grip is: an obstacle's centre, or the middle of the hands; array, shape (3,) [m]."""
+    """Return the position of a grip; array, shape (3,) [m]. It is an obstacle's centre, or the mean of the end
+    effectors."""
     if grip.kind == "obstacle":
         where = np.array(contents["obstacles"][grip.number]["center"], dtype=float)
     else:
@@ -154,12 +153,12 @@ def place_of(contents: Contents, grip: Grip) -> Array:
 
 
 def moved(contents: Contents, grip: Grip, to: Array, turn: Array | None = None) -> Contents:
-    """Return the contents after a grip was moved to a place, and turned about it.
+    """Return the contents after a grip was moved and rotated.
 
     Parameters
     ----------
-    to : array, shape (3,), the new place of the grip; its height does not count in the plane [m]
-    turn : array, shape (4,), the turn from how it was, w x y z; none unless given
+    to : array, shape (3,), the new position of the grip; its height is ignored in the plane [m]
+    turn : array, shape (4,), rotation relative to the former orientation, w x y z; none unless given
 
     Raises
     ------
@@ -195,7 +194,7 @@ def _poses(contents: Contents, grip: Grip) -> list[Contents]:
 
 
 def _move_pose(pose: Contents, to: Array, middle: Array, turn: Array | None) -> None:
-    """Move a pose in place, as hands are moved from their middle and turned about it."""
+    """Move a pose in place, with end effectors around their mean."""
     away, n_dims = np.array(pose["position"], dtype=float) - middle, len(middle)
     if turn is not None:
         away = matrices(turn)[:n_dims, :n_dims] @ away
@@ -205,7 +204,7 @@ def _move_pose(pose: Contents, to: Array, middle: Array, turn: Array | None) -> 
 
 
 def _move_obstacle(obstacle: Contents, to: Array, turn: Array | None) -> None:
-    """Move an obstacle in place; the path of one that moves is shifted along."""
+    """Move an obstacle in place, with its path if it moves."""
     before = np.array(obstacle["center"], dtype=float)
     obstacle["center"] = _written(to[: len(before)])
     waypoints = (obstacle.get("motion") or {}).get("waypoints")
@@ -259,15 +258,15 @@ VALUES = ("duration", "bar", "speed", "acceleration", "clearance")
 
 
 def with_value(contents: Contents, key: str, value: float) -> Contents:
-    """Return the contents with another duration [s], limit, or length of the bar [m]; one of `VALUES`.
+    """Return the contents with another value, one of `VALUES`.
 
-    0 leaves the duration open, and takes a limit away, but for the clearance. The hands at both ends of a bar are
-    moved along their line.
+    It is a duration [s], a limit, or the length of the bar [m]. 0 leaves the duration open, and removes a limit,
+    except the clearance. The end effectors at both ends of a bar are moved along their line.
 
     Raises
     ------
     OptionError
-        If the value is not a number from 0 on, or the load is no bar, or a bar's length is not positive.
+        If the value is not a number from 0 on, or the payload is no bar, or a bar's length is not positive.
     """
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not 0 <= float(value) < math.inf:
@@ -308,7 +307,8 @@ _LENGTHS = {"radius": "radius [m]", "length": "length [m]", "height": "height [m
 
 
 def sizes_of(contents: Contents, obstacle: int) -> tuple[tuple[str, str, int | None, float], ...]:
-    """Return the sizes of an obstacle: label, key in the scene file, place in the list there, and value."""
+    """Return the sizes of an obstacle. Each has a label, the key in the scene file, the index in the list there, and
+    the value."""
     entry = contents["obstacles"][obstacle]
     found: list[tuple[str, str, int | None, float]] = []
     for key, words in _SIZES.items():
@@ -319,7 +319,7 @@ def sizes_of(contents: Contents, obstacle: int) -> tuple[tuple[str, str, int | N
 
 
 def with_size(contents: Contents, obstacle: int, number: int, value: float) -> Contents:
-    """Return the contents with another size of an obstacle, by its number among `sizes_of`.
+    """Return the contents with another size, numbered as in `sizes_of`.
 
     Raises
     ------
@@ -341,7 +341,7 @@ def with_size(contents: Contents, obstacle: int, number: int, value: float) -> C
 
 
 def with_box(contents: Contents, share: float = 0.1) -> Contents:
-    """Return the contents with one more box, in the middle of the workspace.
+    """Return the contents with one more box in the workspace's middle.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Who may come in: the check of every request before the page's server sees it; knows no viewer.
+"""Authentication: the check of every request before the page's server.
 
-A page on this machine is reached by any site that the user's browser visits, unless it refuses what other sites
-send. So the host that is asked for must be one of ours, else a name of another's could be led here; and what is
-opened from a page must come from a page of ours. A server that others can reach lets in only those who know its
-token; it is given once in the address, and kept by the browser in a cookie that no other site can send.
+A page on this machine is reached by any site that the user's browser visits, unless it refuses requests of other
+sites. So the requested host must be one of ours, since a foreign name could resolve to this machine; and requests
+from a page must come from a page of ours. A server that others can reach requires its token; it is given once in the
+address, and kept by the browser in a cookie that no other site can send.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LONGEST = 4096  # characters of an address or a header that are looked at
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer in place of the page: a status, its name, a sentence, and headers."""
+    """Response instead of the page: status, name, sentence and headers."""
 
     status: int
     reason: str
@@ -34,13 +34,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Gate:
-    """The rules by which requests are let in.
+    """Rules of authentication.
 
     Attributes
     ----------
-    hosts : names under which the page may be asked for
-    any_address : whether addresses in numbers may be asked for as well, which no other's name leads to
-    token : what one must know; None where only this machine can come
+    hosts : allowed host names of the page
+    any_address : whether numeric addresses are allowed as well, to which no foreign name resolves
+    token : required token; None where only this machine can connect
     """
 
     hosts: frozenset[str] = LOOPBACK
@@ -49,14 +49,15 @@ class Gate:
 
     @classmethod
     def of(cls, host: str) -> Gate:
-        """Return the gate of a server that listens at `host`: without token only where that is this machine alone."""
+        """Return the gate of a server that listens at `host`. It has no token only where that is this machine
+        alone."""
         if host in LOOPBACK:
             return cls()
         names = {host, socket.gethostname(), socket.getfqdn()} | LOOPBACK
         return cls(frozenset(name.lower() for name in names), True, secrets.token_urlsafe(24))
 
     def answer(self, path: str, hosts: Sequence[str], origins: Sequence[str], cookies: str) -> Answer | None:
-        """Return the answer to a request that is not let in, or is led on; None for one that is let in.
+        """Return a refusal or redirection; None for an allowed request.
 
         Parameters
         ----------
@@ -97,7 +98,7 @@ class Gate:
 
 
 def page_headers(host: str) -> tuple[tuple[str, str], ...]:
-    """Return headers of a page under which it talks to its own server only, and stands in no other's frame."""
+    """Return headers that restrict a page to its server and forbid framing."""
     policy = (
         "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
         f"connect-src 'self' ws://{host} data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"

@@ -1,7 +1,5 @@
-"""Scenes and loads as meshes and poses, ready to be drawn; nothing here knows a viewer.
-
-A planar scene lies in the plane z = 0; its obstacles are drawn as prisms of a small height, and its load above them.
-"""
+"""Scenes and payloads as meshes and poses, without a viewer. A planar scene lies in the plane z = 0; its obstacles
+are drawn as prisms of a small height, and its payload above them."""
 
 from __future__ import annotations
 
@@ -21,21 +19,21 @@ AROUND, ALONG = 32, 17  # directions in which round bodies are sampled, about th
 
 @dataclass(frozen=True)
 class Proportions:
-    """Sizes with which a scene is drawn; lengths are shares of the longest side of its workspace.
+    """Sizes of drawn elements, as shares of the workspace's longest side.
 
     Attributes
     ----------
     height : height of the obstacles of a planar scene
     thin : least radius of rods
-    hand : radius of the ball that stands for a hand
-    grip : radius of the balls by which starts and goals are taken, larger than a hand
+    hand : radius of the ball of an end effector
+    grip : radius of the draggable balls of starts and goals, larger than that of an end effector
     comfort : clearance from which on the path is green
-    view : how far off the camera stands
-    view_of_arms : that where a robot is seen, which fills more of the picture than the workspace
-    between : from a scene to the one beside it, in widths of the wider workspace
-    between_arms : likewise where a robot stands, which is wider than its workspace
-    ghosts : equal times at which the load is drawn
-    many : obstacles from which on each is drawn with a quarter of the triangles and without a shadow
+    view : distance of the camera
+    view_of_arms : distance of the camera with a robot, which fills more of the picture than the workspace
+    between : distance of two scenes side by side, in widths of the wider workspace
+    between_arms : likewise with a robot, which is wider than its workspace
+    ghosts : number of equal times at which the payload is drawn
+    many : number of obstacles from which on each is drawn with a quarter of the triangles and without a shadow
     """
 
     height: float = 0.03
@@ -66,13 +64,13 @@ class Surface:
 
     @classmethod
     def of(cls, triangles: Array) -> Surface:
-        """Return the surface of triangles, array of shape (n_faces, 3, 3) [m]; corners are not shared."""
+        """Return the surface of triangles, shape (n_faces, 3, 3) [m]. Corners are not shared."""
         return cls(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A rigid part of hands or load, with its path.
+    """Rigid part of end effectors or payload, with its path.
 
     Attributes
     ----------
@@ -102,7 +100,7 @@ def longest_side(scene: Scene) -> float:
 
 
 def obstacle_surfaces(scene: Scene, sizes: Proportions = Proportions()) -> tuple[Surface, ...]:
-    """Return the surfaces of all obstacles, each relative to its centre but turned as in the scene."""
+    """Return the surfaces of all obstacles about their centres. They are oriented as in the scene."""
     meshes = {int(owner): mesh for mesh, owner in enumerate(scene.surfaces.owner)}
     coarser = 2 if len(scene.first_rows) >= sizes.many else 1
     directions = all_around(AROUND // coarser, (ALONG - 1) // coarser + 1)
@@ -119,7 +117,7 @@ def obstacle_surfaces(scene: Scene, sizes: Proportions = Proportions()) -> tuple
 
 
 def _prism(border: Array, height: float) -> Array:
-    """Return the triangles of the prism from the ground up over a convex outline, array of shape (n, 2) [m]."""
+    """Return the triangles of a prism above a convex outline [m]. `border` is an array of shape (n, 2)."""
     below = np.concatenate([border, np.zeros((len(border), 1))], axis=1)
     return hull_faces(np.concatenate([below, below + [0.0, 0.0, height]]))
 
@@ -130,14 +128,14 @@ def ball(radius: float) -> Surface:
 
 
 def rod(length: float, radius: float) -> Surface:
-    """Return a capsule about the origin whose axis of `length` lies along z [m]."""
+    """Return a capsule about the origin along z. `length` is that of its axis [m]."""
     directions = all_around(AROUND, ALONG)
     ends = radius * directions + 0.5 * length * np.sign(directions[:, 2:] + 1e-9) * [0.0, 0.0, 1.0]
     return Surface.of(hull_faces(ends))
 
 
 def pieces_of(scene: Scene, nodes: Array, sizes: Proportions = Proportions()) -> tuple[Piece, ...]:
-    """Return hands and load along a motion as rigid pieces.
+    """Return end effectors and payload along a motion as rigid pieces.
 
     Parameters
     ----------
@@ -175,7 +173,7 @@ def pieces_of(scene: Scene, nodes: Array, sizes: Proportions = Proportions()) ->
 
 
 def _turned_to(way: Array, length: Array) -> Array:
-    """Return the shortest turns of the z-axis to some directions; array, shape (n_steps, 4)."""
+    """Return the shortest rotations of the z-axis to given directions. Array, shape (n_steps, 4)."""
     x, y, z = (way / np.maximum(length, 1e-12)[:, None]).T
     w = np.sqrt(np.maximum(0.5 * (1.0 + z), 0.0))
     upside_down = w < 1e-6
@@ -195,12 +193,13 @@ def workspace_lines(scene: Scene) -> Array:
 
 
 def segments_of(path: Array) -> Array:
-    """Return the segments between neighbours on a path, (n_points, 3) -> (n_points - 1, 2, 3) [m]."""
+    """Return the segments of a path. The shapes are (n_points, 3) -> (n_points - 1, 2, 3) [m]."""
     return np.stack([path[:-1], path[1:]], axis=1)
 
 
 def clearance_colours(clearance: Array, comfortable: float) -> NDArray[np.uint8]:
-    """Return colours from red, at contact, over yellow to green, from a comfortable clearance on.
+    """Return colours of clearances, from red over yellow to green. Red is contact, green the clearance `comfortable`
+    or more.
 
     Parameters
     ----------

@@ -1,4 +1,5 @@
-"""The page's end of its planner: a process that is started, fed with the newest draft, and ended with the page."""
+"""Connection of a page to its planner process. The process is started with the page, gets the newest draft, and ends
+with the page."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ Answered = Callable[["Link", Message], None]
 
 
 def on_loop(loop: asyncio.AbstractEventLoop, answered: Answered) -> Answered:
-    """Return a function that hands answers, which come from a link's thread, to a function on an event loop."""
+    """Return a function that passes answers to an event loop. The answers come from a link's thread."""
 
     def hand_over(link: Link, message: Message) -> None:
         with suppress(RuntimeError):  # the loop has ended
@@ -29,13 +30,13 @@ def on_loop(loop: asyncio.AbstractEventLoop, answered: Answered) -> Answered:
 
 
 class Link:
-    """A planner in a process of its own.
+    """Planner in a process of its own.
 
     Parameters
     ----------
     folder : folder to which paths in drafts are relative
-    answered : function that is called with this link and every answer, from a thread of its own; with
-        `{"kind": "ended"}` at last
+    answered : function that is called with this link and every answer, from a thread of its own; finally with
+        `{"kind": "ended"}`
     """
 
     def __init__(self, folder: Path, answered: Answered):
@@ -57,12 +58,12 @@ class Link:
     def submit(
         self, draft: Draft, times: SearchTimes, *, dragging: bool = False, item: Item | None = None
     ) -> int:
-        """Send a draft, which replaces the one before; return the number by which answers name it.
+        """Send a draft, which replaces the one before; return its number. Answers hold this number.
 
         Parameters
         ----------
-        dragging : whether more will follow at once: a motion that is still verified is then good enough
-        item : what of a result folder is wanted instead of a search
+        dragging : whether further drafts follow at once: then a motion that is still verified suffices
+        item : part of a result folder that is requested instead of a search
         """
         if item is not None:
             item = item.absolute()
@@ -71,23 +72,23 @@ class Link:
         )
 
     def run(self, draft: Draft) -> int:
-        """Ask for a draft to be executed step by step; return the number by which answers name it."""
+        """Request a step-by-step execution of a draft; return its number. Answers hold this number."""
         return self._put("run", folder=self.folder.absolute(), draft=draft)
 
     def lead(self, obstacle: int, place: Sequence[float]) -> None:
-        """Tell the run where an obstacle is led [m]."""
+        """Send the position to which an obstacle is dragged [m]."""
         self._put("lead", obstacle=obstacle, place=list(place))
 
     def halt(self) -> None:
-        """End the run where it is."""
+        """Stop the run."""
         self._put("halt")
 
     def drop(self) -> int:
-        """Take a number that no answer will have, as what is shown is no scene; answers to earlier drafts are old."""
+        """Return an unused number for an invalid scene. Answers to earlier drafts are thereby outdated."""
         return next(self._numbers)
 
     def save(self, of: int, target: Path, seed: int = 0) -> int:
-        """Ask for the result of a draft to be written into a folder; return the number of the answer."""
+        """Request that a draft's result is saved; return the request's number."""
         return self._put("save", of=of, target=target, seed=seed)
 
     def _put(self, kind: str, **told: Any) -> int:

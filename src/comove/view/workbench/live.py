@@ -1,4 +1,4 @@
-"""Runs among obstacles that a person leads by hand: the executor, step by step, at the pace of a clock."""
+"""Runs among obstacles that a person drags, in real time."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from comove.view.workbench.geometry import longest_side
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Settings of a run that a person watches.
+    """Settings of a run in real time.
 
     Attributes
     ----------
-    fastest : speed of a led obstacle, in longest sides of the workspace a second: what is faster, no load can dodge
-    lag : time constant with which it follows the hand [s]
-    near : distance from the hand at which it has arrived [m]
-    states : states that are told a second of the run
+    fastest : speed of a dragged obstacle, in longest sides of the workspace a second: payloads cannot evade faster
+        ones
+    lag : time constant with which it follows the pointer [s]
+    near : distance from the pointer at which it has arrived [m]
+    states : states sent a second of the run
     longest : time after which a run ends [s]
-    late : by how much the run may lag behind the clock on the wall, before it is let go on from there [s]
-    pace : periods of control and planning; short ones, as the page stands still meanwhile
+    late : allowed delay of the run behind the wall clock, before the clock is reset [s]
+    pace : periods of control and planning; short ones, as the page is blocked meanwhile
     """
 
     fastest: float = 0.4
@@ -49,14 +50,14 @@ class LiveSettings:
 
 
 class Led:
-    """The way of an obstacle that follows a hand: straight from knot to knot, as its true motion.
+    """Path of an obstacle that follows a pointer, linear between knots.
 
     Parameters
     ----------
     place : array, shape (3,), its centre before [m]
     since : time until which it stays there [s]
-    fastest : speed at which it follows at most [m/s]
-    settings : how it follows
+    fastest : largest speed [m/s]
+    settings : settings of its motion
     """
 
     def __init__(self, place: Array, since: float, fastest: float, settings: LiveSettings = LiveSettings()):
@@ -66,14 +67,14 @@ class Led:
             self._add(since, place)
 
     def go_on(self, until: float) -> None:
-        """Follow the hand until a later instant [s]."""
+        """Follow the pointer until a later instant [s]."""
         period, way, settings = until - self.times[-1], self.target - self.places[-1], self.settings
         left = float(np.linalg.norm(way))
         share = min(period / settings.lag, self.fastest * period / left) if left > settings.near else 1.0
         self._add(until, self.places[-1] + min(share, 1.0) * way)
 
     def _add(self, time: float, place: Array) -> None:
-        """Add a knot; the last one goes where nothing has changed since the one before."""
+        """Add a knot, in place of the last one if nothing changed."""
         stands = len(self.times) > 1 and np.array_equal(self.places[-2], self.places[-1])
         if stands and np.array_equal(self.places[-1], place):
             self.times[-1] = time
@@ -82,7 +83,7 @@ class Led:
         self.places.append(place)
 
     def at(self, time: float) -> Array:
-        """Return where it is at an instant, which may lie after the last knot [s]; array, shape (3,) [m]."""
+        """Return the position at an instant [s]; array, shape (3,) [m]. After the last knot it is constant."""
         if len(self.times) == 1 or time >= self.times[-1]:
             return self.places[-1]
         k = max(bisect_right(self.times, time) - 1, 0)
@@ -90,17 +91,17 @@ class Led:
         return self.places[k] + share * (self.places[k + 1] - self.places[k])
 
     def motion(self, n_dims: int) -> Contents:
-        """Return the way as the `motion` of an obstacle in a scene file."""
+        """Return the path as an obstacle's `motion` in a scene file."""
         return {"waypoints": [place[:n_dims].tolist() for place in self.places], "times": list(self.times)}
 
 
 class LedObstacles(Functions):
-    """An observer of obstacles, some of which are led by hand; where they will go, nobody knows.
+    """Observer of obstacles, some of which are dragged unpredictably.
 
     Parameters
     ----------
     scene : the scene to which the obstacles belong
-    settings : how what is led follows
+    settings : settings of their motion
     """
 
     def __init__(self, scene: Scene, settings: LiveSettings = LiveSettings()):
@@ -109,7 +110,12 @@ class LedObstacles(Functions):
         self.led: dict[int, Led] = {}
 
     def lead(self, obstacle: int, place: ArrayLike, now: float) -> None:
-        """Let an obstacle follow a hand to a place [m], from now [s] on.
+        """Set the position to which an obstacle moves from now on.
+
+        Parameters
+        ----------
+        place : array, shape (3,), the position [m]
+        now : present time [s]
 
         Raises
         ------
@@ -132,19 +138,19 @@ class LedObstacles(Functions):
         self.led[obstacle].target = goal
 
     def go_on(self, until: float) -> None:
-        """Move all that is led on to a later instant [s]."""
+        """Move all dragged obstacles to a later instant [s]."""
         for led in self.led.values():
             led.go_on(until)
 
     def ground_truth(self, time: Array) -> Array:
-        """Return where all obstacles are; array, shape (n_times, n_obstacles, 3) [m]."""
+        """Return the true positions of all obstacles. Array, shape (n_times, n_obstacles, 3) [m]."""
         centers = self.scene.centers + self.scene.offsets(time)
         for obstacle, led in self.led.items():
             centers[:, obstacle] = [led.at(instant) for instant in time.tolist()]
         return centers
 
     def contents(self, contents: Contents) -> Contents:
-        """Return the contents of a scene file in which what was led moves as it did."""
+        """Return a scene's contents with the motions of dragged obstacles."""
         contents = copy.deepcopy(contents)
         for obstacle, led in self.led.items():
             contents["obstacles"][obstacle]["motion"] = led.motion(self.scene.n_dims)
@@ -153,12 +159,12 @@ class LedObstacles(Functions):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The present state of a run.
+    """Present state of a run.
 
     Attributes
     ----------
     time : time since its beginning [s]
-    nodes : array, shape (n_nodes, 3), hands first [m]
+    nodes : array, shape (n_nodes, 3), end effectors first [m]
     offsets : array, shape (n_obstacles, 3), of the obstacles' centres from the scene's [m]
     planned : whether a plan is followed
     """
@@ -171,9 +177,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class LiveRun:
-    """A run that has ended: its record on a scene in which what was led moves so, the executor's log, and what was in
-    the way at last.
-    """
+    """Completed run: its record, the executor's log, and the final blocker."""
 
     record: Record
     log: ExecutionLog
@@ -192,15 +196,15 @@ def run_live(
     stop: Callable[[], bool],
     settings: LiveSettings = LiveSettings(),
 ) -> LiveRun:
-    """Execute a scene at the pace of the clock on the wall, while obstacles are led, until the load has arrived.
+    """Execute a scene in real time until the payload arrives. Obstacles may be dragged meanwhile.
 
     Parameters
     ----------
     scene, contents : the scene, with a duration, and the contents of its file
-    demonstration, seed, plan : as of `Executor`
-    leads : function that returns where obstacles are led since it was last asked, by their numbers
+    demonstration, seed, plan : as in `Executor`
+    leads : function that returns the new positions of dragged obstacles since its last call, by number
     tell : function that is called with states
-    stop : function that says whether to stop before
+    stop : function that returns whether to stop early
     """
     observer, pace = LedObstacles(scene, settings), settings.pace
     executor = Executor(scene, observer, seed=seed, pace=pace, demonstration=demonstration, plan=plan)
@@ -236,7 +240,7 @@ def _state(executor: Executor, observer: LedObstacles) -> State:
 
 
 def save_run(run: LiveRun, folder: Path, *, seed: int) -> None:
-    """Write a run into a result folder that is being written, as `comove run` does, but for the film."""
+    """Write a run into a result folder, without a film. The other files are those of `comove run`."""
     from comove.view.figures import draw_run, save
 
     report = verify_execution(run.record, run.blocker)

@@ -1,4 +1,4 @@
-"""The panels of a page: verification result, play controls, plots, controls to steer by, and saving."""
+"""Panels of a page: verification, playback, plots, edits and saving."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ LEGEND = "".join(
 
 
 class Panels:
-    """The controls of one page.
+    """Controls of one page.
 
     Parameters
     ----------
     gui : the viewer's controls of one client
     told : function that is called with the name of a control and its value when a person changes it
     names : scenes and results to choose from; none where there is one
-    chosen : the one that is shown
-    beside : what can be shown beside the motion
+    chosen : name of the one shown
+    beside : choices for the motion beside
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class Panels:
             self.verdict.content = words
 
     def fill(self, draft: Draft, scene: Scene, selected: Grip | None = None) -> None:
-        """Show the values of a draft, and the sizes of what is taken, in the controls."""
+        """Show the values of a draft and the selected sizes."""
         contents = draft.contents
         limits, load = contents["limits"], contents.get("load") or {}
         is_bar = load.get("shape") == "bar"
@@ -187,7 +187,7 @@ class Panels:
         self.controls["resemblance"].visible = taught
 
     def show_sizes(self, contents: dict[str, Any], grip: Grip | None) -> None:
-        """Show the sizes of an obstacle that is taken; none for anything else."""
+        """Show the sizes of a selected obstacle, else none."""
         is_obstacle = grip is not None and grip.kind == "obstacle"
         sizes = sizes_of(contents, grip.number) if grip is not None and is_obstacle else ()
         for i, name in enumerate(SIZES):
@@ -198,13 +198,13 @@ class Panels:
         self.controls["remove"].visible = is_obstacle
 
     def show_run(self, live: bool) -> None:
-        """Show that a run goes on, or that it has ended; the bar of times is for what was recorded."""
+        """Show whether a run is in progress. The time slider and playback are for recordings alone."""
         self.controls["run"].label = "Stop" if live else "Run it live"
         for name in ("play", "pace", "time", "ghosts"):
             self.controls[name].visible = not live
 
     def reach(self, end: float) -> None:
-        """Let the bar of times reach to an instant [s]."""
+        """Set the end of the time slider [s]."""
         slider = self.controls["time"]
         if slider.max != end:
             slider.value = min(slider.value, end)
@@ -267,5 +267,5 @@ class Panels:
 
 
 def scales_of(reach: tuple[float, float]) -> dict[str, Any]:
-    """Return the scales of a plot over time whose values lie within `reach`."""
+    """Return a time plot's scales for values within `reach`."""
     return {"x": {"time": False, "auto": True}, "y": {"auto": False, "range": reach}}

@@ -1,7 +1,7 @@
-"""Playback: a scene, its states over time, and what is known of them, in words.
+"""Scenes with sampled states over time and verification results.
 
-Motions, robots, runs and simulations are sampled for the eye and become one thing here, which a page of its own and
-the workbench show alike. The contents of folders are verified anew from its files.
+Motions, robots, runs and simulations are sampled for display in one class, which the workbench and pages of their
+own show alike. The contents of folders are verified again from their files.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """States and measures of a motion at even times; what is proved of it stands in its report, not here.
+    """States and measures of a motion at even times. Proved measures are in its report, not here.
 
     Attributes
     ----------
     time : array, shape (n_steps,) [s]
-    nodes : array, shape (n_steps, n_nodes, 3), hands first, then corners of the load [m]
-    offsets : array, shape (n_steps, n_obstacles, 3), of the obstacles' centres from where they are at 0 s [m]
+    nodes : array, shape (n_steps, n_nodes, 3), end effectors first, then corners of the payload [m]
+    offsets : array, shape (n_steps, n_obstacles, 3), of the obstacles' centres from their positions at 0 s [m]
     speed, acceleration : arrays, shape (n_steps, n_manipulators) [m/s], [m/s^2]
-    clearance : array, shape (n_steps,), of load and hands from obstacles and border, inf where nothing is near [m]
-    error : array, shape (n_steps,), share of its tolerance that the error of the worst constraint uses
+    clearance : array, shape (n_steps,), of payload and end effectors from obstacles and border, inf without any [m]
+    error : array, shape (n_steps,), error of the worst constraint as a share of its tolerance
     links : array, shape (n_steps, n_joints, 7), poses of a robot's joints, x y z [m] and w x y z; no joints without
     tightest : array, shape (2,), time of the least clearance [s], and number of the nearest obstacle, -1: the border
     """
@@ -62,12 +62,12 @@ class RecordedMotion:
 
     @cached_property
     def moved(self) -> NDArray[np.bool_]:
-        """Return which obstacles are not always where they are at 0 s; array of bool, shape (n_obstacles,)."""
+        """Return which obstacles move; array of bool, shape (n_obstacles,)."""
         return np.asarray(self.offsets.any(axis=(0, 2)))
 
     @classmethod
     def of(cls, motion: CoordinatedMotion) -> RecordedMotion:
-        """Sample a motion; the tightest instant is the one that its certificate names."""
+        """Sample a motion, with the tightest instant of its certificate."""
         scene, duration = motion.scene, motion.scene.duration
         s = np.linspace(0.0, 1.0, _n_states(duration))
         states = motion.coordinates.motion(motion.at(s))
@@ -83,7 +83,7 @@ class RecordedMotion:
 
     @classmethod
     def of_run(cls, record: Record) -> RecordedMotion:
-        """Sample an execution; velocities are averages over its steps."""
+        """Sample an execution, with velocities averaged over its steps."""
         scene, hands = record.scene, record.nodes[:, : len(record.scene.manipulators)]
         n_states = _n_states(float(record.time[-1]))
         steps = np.unique(np.linspace(0, len(record.time) - 1, n_states).round().astype(int))
@@ -115,14 +115,14 @@ class RecordedMotion:
         links: Array | None = None,
         certificate: Clearance | None = None,
     ) -> RecordedMotion:
-        """Return a recording of states that were sampled elsewhere.
+        """Return a recording of given states.
 
         Parameters
         ----------
         time, nodes, links : as the attributes
         velocity, acceleration : arrays, shape (n_steps, n_manipulators, 3) [m/s], [m/s^2]
-        offsets : as the attribute; as the scene's obstacles move unless given
-        certificate : says what is tightest; the tightest of the states unless given
+        offsets : as the attribute; those of the scene's obstacles unless given
+        certificate : certificate with the tightest instant; that of the states unless given
         """
         clearance = scene.clearances(nodes, time)
         if certificate is None:
@@ -143,22 +143,22 @@ class RecordedMotion:
         )
 
     def index_at(self, time: float) -> int:
-        """Return the number of the state that is nearest to an instant [s]."""
+        """Return the number of the state nearest to an instant [s]."""
         return int(np.abs(self.time - time).argmin())
 
     @property
     def center(self) -> Array:
-        """Return the middle of the hands; array, shape (n_steps, 3) [m]."""
+        """Return the end effectors' centre; array, shape (n_steps, 3) [m]."""
         return self.nodes[:, : self.speed.shape[1]].mean(axis=1)
 
 
 def _n_states(duration: float, rate: float = 25.0, fewest: int = 61, most: int = 301) -> int:
-    """Return the number of states of a recording: `rate` of them a second [Hz], within bounds."""
+    """Return the bounded number of states at `rate` [Hz]."""
     return int(np.clip(round(duration * rate) + 1, fewest, most))
 
 
 def _errors(scene: Scene, nodes: Array) -> Array:
-    """Return which share of its tolerance the worst constraint uses at every state; array, shape (n_steps,)."""
+    """Return the worst constraint's error as a share of its tolerance. Array, shape (n_steps,)."""
     hands = nodes[:, : len(scene.manipulators)]
     # 1e-12 m or rad in place of a tolerance of 0
     shares = [c.error(hands, scene.n_dims) / max(c.allowed, 1e-12) for c in scene.constraints]
@@ -167,13 +167,13 @@ def _errors(scene: Scene, nodes: Array) -> Array:
 
 @dataclass(frozen=True)
 class Touch:
-    """Something that touched what it should not.
+    """Unwanted contact.
 
     Attributes
     ----------
     time : of the first contact [s]
     obstacle : number of the obstacle, -1 for something else
-    words : what touched what
+    words : names of the two bodies
     """
 
     time: float
@@ -183,20 +183,20 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """A recording that is played.
+    """Recording for playback.
 
     Attributes
     ----------
     scene : the scene
-    verdict : what is known of it, such as "verified at every instant"
-    holds : whether the verdict is a good one
+    verdict : verification result, such as "verified at every instant"
+    holds : whether the verification succeeded
     recording : states over time; None for a scene alone
-    rows : measures: of what, by how much, and what was asked for
-    reasons : why the verdict is no good one, in words
-    robot : robot that carries the load, None for hands alone
+    rows : measures: name, value, and requirement
+    reasons : reasons why the verification failed
+    robot : robot that holds the payload, None for end effectors alone
     touches : contacts of a simulation
     proved : whether the measures are proved, and not only measured
-    against : scene and robot that something stored was verified against, in words
+    against : scene and robot of the verification of a stored result, in words
     """
 
     scene: Scene
@@ -212,12 +212,12 @@ class Playback:
 
     @property
     def told(self) -> str:
-        """Return the verdict, in capitals where it is no good one."""
+        """Return the verification result, in capitals if negative."""
         return self.verdict if self.holds else self.verdict.upper()
 
 
 def playback_of_scene(scene: Scene) -> Playback:
-    """Return a scene alone, with its robot at home where robots are installed."""
+    """Return a scene alone, with its robot at home if installed."""
     try:
         robot = robot_of(scene)
     except ComoveError as error:
@@ -226,7 +226,7 @@ def playback_of_scene(scene: Scene) -> Playback:
 
 
 def playback_of_motion(motion: CoordinatedMotion, report: Report, reasons: tuple[str, ...] = ()) -> Playback:
-    """Return a motion of hands, with its measures and the reasons why it is not verified."""
+    """Return an end-effector motion with measures and verification reasons."""
     rows = motion_rows({**report.asdict(), "duration": motion.scene.duration}, motion.scene)
     recording = RecordedMotion.of(motion)
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), tuple(reasons))
@@ -237,7 +237,7 @@ def _verdict(reasons: tuple[str, ...]) -> str:
 
 
 def playback_of_run(record: Record, blocker: str = "") -> Playback:
-    """Return an execution, verified by the true motions of its obstacles."""
+    """Return an execution, verified with its obstacles' true motions."""
     report = verify_execution(record, blocker)
     verdict = "not verified" if report.reasons else "executed, and verified at every instant"
     rows = motion_rows({**report.asdict(), "duration": float(record.time[-1])}, record.scene)
@@ -252,7 +252,7 @@ def playback_of_joints(
     report: JointReport,
     reasons: tuple[str, ...] = (),
 ) -> Playback:
-    """Return a robot's motion, with the measures of its hands and of its joints."""
+    """Return a robot's motion with end-effector and joint measures."""
     recording = RecordedMotion.of(motion)
     recording = replace(recording, links=poses_of(robot, joints.at(recording.time)[0]))
     hands = verify(motion).report.asdict()
@@ -262,7 +262,7 @@ def playback_of_joints(
 
 
 def verification_of(folder: Path, part: ResultPart, scene: Path) -> Verification:
-    """Verify a part of a result folder anew, against a scene's file.
+    """Verify a part of a result folder again, against a scene file.
 
     Raises
     ------
@@ -275,19 +275,19 @@ def verification_of(folder: Path, part: ResultPart, scene: Path) -> Verification
 
 
 def playback_of_item(item: Item) -> Playback:
-    """Return a scene, or what a result folder holds; raises what `verification_of` does."""
+    """Return a scene, or a verified part of a result folder. The errors are those of `verification_of`."""
     if item.result is None:
         return playback_of_scene(read_scene(item.scene))
     return playback_of_verification(verification_of(item.result, item.part, item.scene))
 
 
 def playback_of(thing: Any) -> Playback:
-    """Return what can be shown of a scene, a solution, a motion, an execution, or a result folder.
+    """Return the playback of a scene, solution, motion, execution, or folder.
 
     Raises
     ------
     TypeError
-        If it is nothing of the kind.
+        If it is none of these.
     """
     if isinstance(thing, (str, Path)):
         path = Path(thing)
@@ -325,7 +325,7 @@ def _of_robot(thing: Any) -> Playback:
 
 
 def playback_of_verification(checked: Verification) -> Playback:
-    """Return a part of a result folder, with what its verification found."""
+    """Return a part of a result folder with its verification."""
     verdict = _VERDICTS[checked.part][checked.verified]
     if checked.verified and checked.is_hands_alone:
         verdict += ", the hands alone"
@@ -362,7 +362,7 @@ def playback_of_verification(checked: Verification) -> Playback:
 
 
 def _of_online(record: OnlineRecord) -> RecordedMotion:
-    """Return the states of a robot's online run, with the joints as measured; velocities are averages over steps."""
+    """Return the states of a robot's online run, as measured. Velocities are averages over steps."""
     time = np.array(record.time)
     steps = np.unique(np.linspace(0, len(time) - 1, _n_states(float(time[-1]))).round().astype(int))
     nodes = np.array(record.nodes)[steps]
@@ -379,7 +379,7 @@ def _of_online(record: OnlineRecord) -> RecordedMotion:
 
 
 def _simulated(robot: Robot, motion: CoordinatedMotion, arrays: Mapping[str, Array]) -> RecordedMotion:
-    """Return the states of a simulation at the times of the planned motion, and of what comes after it."""
+    """Return a simulation's states at the planned times and afterwards."""
     planned, scene = RecordedMotion.of(motion), motion.scene
     after = np.arange(planned.time[-1], float(arrays["time"][-1]), planned.time[1])[1:]
     time = np.concatenate([planned.time, after])

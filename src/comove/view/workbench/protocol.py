@@ -1,7 +1,7 @@
-"""Messages between the workbench and its planner, and where they wait at either end.
+"""Messages between the workbench and its planner, and their mailboxes.
 
-Both ends are processes of one program, which talk over a socket of their own; what passes is pickled, as between the
-processes of a pool, and never read from a file.
+Both ends are processes of one program that communicate over a socket of their own; messages are pickled, as between
+the processes of a pool, and never read from a file.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ Message = dict[str, Any]
 
 @dataclass(frozen=True)
 class SearchTimes:
-    """Times that the planner of a page keeps to, so that a person who drags sees at once what comes of it.
+    """Times of a page's planner, short enough for interactive dragging.
 
     Attributes
     ----------
-    budget : processor time after which a search takes the best motion so far [s]
-    patience : that a search has to find its first motion although a newer draft waits [s]
-    pause : between better motions that are sent [s]
+    budget : processor time after which a search returns the best motion so far [s]
+    patience : time for a search to find its first motion although a newer draft waits [s]
+    pause : time between better motions that are sent [s]
     """
 
     budget: float = 5.0
@@ -32,12 +32,12 @@ class SearchTimes:
 
 
 class Mailbox:
-    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue.
+    """Mailbox with a slot for the newest draft and a queue.
 
     Attributes
     ----------
-    draft : draft that waits; None where none does
-    closed : whether nothing comes any more
+    draft : waiting draft; None without one
+    closed : whether no further message can arrive
     """
 
     def __init__(self) -> None:
@@ -56,13 +56,13 @@ class Mailbox:
             self._changed.notify()
 
     def close(self) -> None:
-        """Note that nothing comes any more."""
+        """Close the mailbox for further messages."""
         with self._changed:
             self.closed = True
             self._changed.notify()
 
     def take(self) -> Message | None:
-        """Wait for a message and return it, drafts last; None once the mailbox is closed."""
+        """Wait for a message and return it, drafts last. Return None once the mailbox is closed."""
         with self._changed:
             self._changed.wait_for(lambda: self.closed or self._others or self.draft is not None)
             if self.closed:

@@ -1,7 +1,5 @@
-"""Playback as one page without server and network, in any browser.
-
-`show` puts such a page into a notebook, or opens it in a browser.
-"""
+"""Playback as one offline page for any browser. `show` displays such a page in a notebook, or opens it in a
+browser."""
 
 from __future__ import annotations
 
@@ -36,20 +34,20 @@ STYLE = (
 
 
 def show(thing: Any, beside: Any = None) -> None:
-    """Show something that moves: inside a notebook, or else as a page that is opened in a browser.
+    """Show a scene or motion in a notebook or the browser.
 
     Parameters
     ----------
     thing
         A scene, a solution of `comove.solve`, a motion, the record of an execution, a result
-        that was read, or the path of a scene file or result folder; the contents of folders are verified anew.
+        that was read, or the path of a scene file or result folder; the contents of folders are verified again.
     beside
         Another such thing, shown to the right of it and on the same clock.
 
     Raises
     ------
     TypeError
-        If it is nothing of the kind.
+        If it is none of these.
     ExtraError
         If the viewer is not installed.
     """
@@ -66,7 +64,7 @@ def show(thing: Any, beside: Any = None) -> None:
 
 
 def framed(page: str, height: int = 480) -> str:
-    """Return a page as part of another one, on which its scripts cannot act, as high as so many pixels."""
+    """Return a page as a sandboxed frame, `height` pixels high."""
     return (
         f'<iframe title="comove" sandbox="allow-scripts" srcdoc="{html.escape(page)}" width="100%" '
         f'height="{height}" style="border:1px solid #ccc"></iframe>'
@@ -76,7 +74,7 @@ def framed(page: str, height: int = 480) -> str:
 def played(
     item: Item, *, seed: int = 0, budget: float = 30.0, progress: ProgressCallback | None = None
 ) -> Playback:
-    """Return what a result folder holds, verified anew, or the motion of a scene, solved now.
+    """Return a verified result folder, or a solved scene, for playback.
 
     Raises
     ------
@@ -94,11 +92,11 @@ def played(
 
 
 def page_of(playback: Playback, beside: Playback | None = None) -> str:
-    """Return an HTML page that plays, and says what is known of what it plays.
+    """Return an HTML page for playback with its verification result.
 
     Parameters
     ----------
-    beside : what is played to the right of it, on the same clock
+    beside : playback to the right of it, on the same clock
 
     Raises
     ------
@@ -133,7 +131,7 @@ def page_of(playback: Playback, beside: Playback | None = None) -> str:
 
 
 def _staged(stage: Stage, playback: Playback) -> Stage:
-    """Return a stage on which everything is drawn that is played."""
+    """Return a stage with all elements of a playback drawn."""
     stage.draw_scene(demonstrated(playback.scene))
     if playback.robot is not None:
         stage.draw_robot(bodies_of(playback.robot), poses_of(playback.robot, playback.robot.home[None])[0])
@@ -144,7 +142,7 @@ def _staged(stage: Stage, playback: Playback) -> Stage:
 
 
 def _caption(playback: Playback, place: str) -> str:
-    """Return what is known of what is played as HTML, at a place given in CSS."""
+    """Return a playback's verification as HTML, at a CSS position."""
     said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in playback.rows]
     against = [f"verified against {words}" for words in playback.against[:1]] + list(playback.against[1:])
     lines = [*playback.reasons, *(said if playback.holds else []), *against, f"made by comove {__version__}"]
@@ -154,7 +152,7 @@ def _caption(playback: Playback, place: str) -> str:
 
 
 def _captioned(page: str, *captions: str) -> str:
-    """Return the viewer's page with captions, titled as the first, and the policy that it loads nothing."""
+    """Return the viewer's page with captions, title and content policy."""
     title = captions[0].partition("<b>")[2].partition("</b>")[0]
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
@@ -163,7 +161,7 @@ def _captioned(page: str, *captions: str) -> str:
 
 
 def write_page(path: Path, page: str) -> None:
-    """Write a page to a file, whole or not at all.
+    """Write a page to a file atomically.
 
     Raises
     ------

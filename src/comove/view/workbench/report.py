@@ -1,4 +1,5 @@
-"""A result as one page to read: scene, figures, numbers, what verified means, how to repeat it, the motion itself."""
+"""Report of a result as one page. It holds scene, figures, numbers, the meaning of verification, the command to
+repeat it, and the motion."""
 
 from __future__ import annotations
 
@@ -37,11 +38,11 @@ SAMPLED = "These measures hold at samples. Nothing is proved between them."
 
 
 def report_page(shelf: Shelf) -> tuple[str, Playback]:
-    """Return a report of a result as an HTML page, and what it plays, verified anew from the files.
+    """Verify a result again; return its HTML report and playback.
 
     Parameters
     ----------
-    shelf : the result, as `comove.view.workbench.shelf.shelf_of` finds it
+    shelf : the result, as returned by `comove.view.workbench.shelf.shelf_of`
 
     Raises
     ------
@@ -114,7 +115,7 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _figure(found: Verification) -> str:
-    """Return a picture of what was verified, drawn anew; nothing of a robot's run."""
+    """Return a picture of the verified motion; none of robots' runs."""
     if found.motion is not None:
         figure = draw_motion(found.motion)
     elif found.record is not None:

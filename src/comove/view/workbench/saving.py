@@ -1,4 +1,4 @@
-"""The save button: whole files, inside the folder that the workbench was started in."""
+"""Saving of files inside the folder of the workbench, atomically."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ WORDS = "letters, digits, '-', '_' and '.', beginning with a letter or digit"
 
 
 def target_in(folder: Path, name: object, suffix: str = "") -> Path:
-    """Return the path of a new file or folder in `folder`, by a name that leads nowhere else.
+    """Return the path of a new file or folder in `folder`. `suffix` is added to the name where it is missing.
 
     Raises
     ------
     OptionError
-        If the name has other characters than a plain name, or what is there is a link.
+        If the name has other characters than a plain name, or the path is a link.
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise OptionError(f"{str(name)[:80]!r} is no plain name", key="name", way_out=f"write {WORDS}")
@@ -39,7 +39,7 @@ def target_in(folder: Path, name: object, suffix: str = "") -> Path:
 
 
 def scene_text(contents: Contents) -> str:
-    """Return a scene file as YAML, without what is understood; in version 2 where a payload has poses."""
+    """Return a scene file as YAML, without defaults. It has version 2 where a payload has poses."""
     import yaml
 
     file = SceneFile.model_validate(contents)
@@ -50,17 +50,17 @@ def scene_text(contents: Contents) -> str:
 
 
 def save_scene(contents: Contents, path: Path, source: Path, taught: Taught | None = None) -> None:
-    """Write a scene file that reads back to the same scene; nothing is replaced.
+    """Write a new scene file that reads back to the same scene.
 
     Parameters
     ----------
     source : folder to which paths in the scene are relative
-    taught : recording that was drawn, which is written beside it and is the scene's demonstration
+    taught : drawn recording, which is written beside it and is the scene's demonstration
 
     Raises
     ------
     ResultError
-        If the scene names files and goes elsewhere, or the file cannot be written or is there already.
+        If the scene names files and goes elsewhere, or the file cannot be written or exists already.
     SceneError
         If the contents are no scene.
     """

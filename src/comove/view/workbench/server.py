@@ -1,7 +1,8 @@
-"""The workbench's server: the viewer's own, behind the gate, and deaf to what no page of ours sends.
+"""Server of the workbench: the viewer's server with authentication and restrictions.
 
-The viewer's server has neither authentication nor a check of origins, lets any client open a public tunnel, and takes
-any property of a control from a client. All of that is closed here; `tests/view/workbench/test_server.py` tries each.
+The viewer's server has neither authentication nor a check of origins, lets any client open a public tunnel, and
+takes any property of a control from a client. All of that is closed here; `tests/view/workbench/test_server.py`
+tries each.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ LONGEST_TEXT = 10_000  # characters, of what is typed into a control
 
 @dataclass(frozen=True, eq=False)
 class Guarded:
-    """A running server.
+    """Running server.
 
     Attributes
     ----------
     server : the viewer's server
-    address : what to open in a browser, with the token where one is needed
-    gate : who is let in
+    address : address to open in a browser, with the token where one is needed
+    gate : authentication
     """
 
     server: Any
@@ -56,7 +57,7 @@ def viewer() -> Any:
 
 
 def start(host: str = "127.0.0.1", port: int | None = None) -> Guarded:
-    """Start a server behind a gate.
+    """Start a server with authentication.
 
     Parameters
     ----------
@@ -92,14 +93,15 @@ def serve(
     port: int | None = None,
     settings: PageSettings | None = None,
 ) -> Guarded:
-    """Start the workbench: a server whose every page is a session of its own, and shows the first scene of the shelf.
+    """Start the workbench, whose pages are sessions of their own. Each page shows the first scene of the shelf at
+    first.
 
     Parameters
     ----------
     shelf, host, port
-        Scenes to choose from; where to listen, as `start`.
+        Scenes to choose from; address and port as in `start`.
     settings
-        How many pages are served, and how long each searches; the usual ones unless given.
+        Number of pages, and search times of each; the usual ones unless given.
     """
     guarded, settings = start(host, port), settings or PageSettings()
     server, sessions = guarded.server, dict[int, Session]()
@@ -126,7 +128,7 @@ def serve(
 
 
 def _free_port(host: str, port: int | None, usual: range = range(8050, 8100)) -> int:
-    """Return a port that is free: the one asked for, or else one of the usual."""
+    """Return the requested port, or a free usual one."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for candidate in [port] if port is not None else usual:
         try:
@@ -156,7 +158,7 @@ def _free_port(host: str, port: int | None, usual: range = range(8050, 8100)) ->
 
 @contextmanager
 def _behind(gate: Gate) -> Iterator[list[int]]:
-    """Put servers that are started in this context behind a gate; yields a list of their ports."""
+    """Add a gate to servers started in this context; yield their ports."""
     websockets: Any = import_module("websockets.asyncio.server")
     from websockets.datastructures import Headers
     from websockets.http11 import Response
@@ -182,7 +184,7 @@ def _behind(gate: Gate) -> Iterator[list[int]]:
             return response
 
         async def handled(connection: Any) -> None:
-            """Close a page that sends what cannot be read, without the viewer's own account of it."""
+            """Close a page that sends unreadable messages, without the viewer's report."""
             try:
                 await handler(connection)
             except Exception as error:
@@ -205,7 +207,8 @@ def _behind(gate: Gate) -> Iterator[list[int]]:
 
 
 def _close_doors(server: Any) -> None:
-    """Take from clients what no page of ours asks for: the public tunnel, uploads, shared forms, other properties."""
+    """Disable unused requests of clients. These are the public tunnel, uploads, shared forms, and other
+    properties."""
     from viser import _messages as kinds
 
     handler = server._websock_server
@@ -224,7 +227,7 @@ def _close_doors(server: Any) -> None:
 
 
 def _harden(connection: Any, gui: Any) -> None:
-    """Let a page change values of controls only, to numbers that are finite and texts that are not too long."""
+    """Restrict a page's updates to finite or short values of controls."""
     from viser import _messages as kinds
 
     others = (kinds.FileTransferStartUpload, kinds.FileTransferPart, kinds.GuiFormSubmitMessage)
@@ -242,7 +245,7 @@ def _harden(connection: Any, gui: Any) -> None:
 
 
 def _is_plain(value: Any) -> bool:
-    """Return whether a value is one that a control of a page can have."""
+    """Return whether a value is possible for a page's control."""
     if isinstance(value, str):
         return len(value) <= LONGEST_TEXT
     if isinstance(value, (list, tuple)):

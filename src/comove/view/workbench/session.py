@@ -1,7 +1,7 @@
-"""One page: its scene, its history, its planner, and what happens when a person drags, presses or waits.
+"""One page: its scene, history and planner, and its responses to input.
 
 Everything here runs on the viewer's event loop, one step at a time, so nothing is locked. The planner answers from a
-thread of its own, and its answers are handed to the loop.
+thread of its own, and its answers are passed to the loop.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ class PageSettings:
 
     Attributes
     ----------
-    hands, arms : times of searches where hands move alone, and where the arms of a robot follow, which takes longer
-    beside : times of a search by another method, whose motion stands beside
-    most_pages : pages that are served at once, as each has a planner
-    frame : time between states while playing [s]
-    pointed : frames after which the plots' line follows, as every move of it sends the whole plot
-    end_pause : pause at the end before playing begins again [s]
+    hands, arms : times of searches for end effectors alone, and for the arms of a robot, which takes longer
+    beside : times of a search by another method, whose motion is shown beside
+    most_pages : largest number of pages at once, as each has a planner
+    frame : time between states during playback [s]
+    pointed : frames between moves of the line in the plots, as every move sends the whole plot
+    end_pause : pause at the end before playback restarts [s]
     """
 
     hands: SearchTimes = field(default_factory=SearchTimes)
@@ -79,7 +79,7 @@ class PageSettings:
 
 @dataclass
 class Hold:
-    """A drag that goes on: the grip, the contents before, the place before, and where it was taken."""
+    """Drag in progress. It holds the grip, the contents and position before, and where it was grabbed."""
 
     grip: Grip
     contents: dict[str, Any]
@@ -96,7 +96,7 @@ class Session:
     client : the viewer's client
     loop : event loop on which everything happens
     shelf : scenes to choose from
-    settings : how long the page searches, and how it plays
+    settings : settings of searches and playback
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Session:
     # --- scenes ---
 
     def _open(self, name: Any) -> None:
-        """Show something else of the shelf, and ask for its motion."""
+        """Show another item of the shelf, and request its motion."""
         if name not in self.shelf.items:
             return
         item = self.shelf.items[name]
@@ -143,7 +143,7 @@ class Session:
         self._begin(item, scene)
 
     def _begin(self, item: Item, scene: Scene) -> None:
-        """Show something with a planner and a history of its own."""
+        """Show an item with a planner and a history of its own."""
         self.link = Link(item.scene.parent, on_loop(self.loop, self._answered))
         self.history = History((Draft(contents_of(scene)),))
         self.asked, self.answered, self.solved = -1, -1, -1
@@ -156,7 +156,7 @@ class Session:
 
         Parameters
         ----------
-        before : the same scene before it was changed, as it is drawn
+        before : stage of the same scene before its change
         """
         selected, self.gizmo, self.selected, self.tool = self.selected, None, None, None
         shown = before.recording if before is not None else None
@@ -208,10 +208,8 @@ class Session:
         handle.on_click(clicked)
 
     def _dragged(self, grip: Grip, handle: Any, event: Any) -> None:
-        """Move a grip under the pointer; in the plane along it, in space across the line of sight.
-
-        While a run goes on, obstacles are led, and where they are drawn, its states say.
-        """
+        """Move a grip with the pointer. In the plane it moves along it, in space across the line of sight. During a
+        run, obstacles are dragged, and drawn at its states."""
         if self.live and grip.kind != "obstacle":
             return
         drawn = np.array(handle.position, dtype=float) if self.live else None
@@ -227,12 +225,12 @@ class Session:
             self.move(grip, to, None, last=last)
 
     def _held_by(self, event: Any, grip: Grip, drawn: Array | None, taken: Array, quaternion: Array) -> Hold:
-        """Return the drag that an event belongs to; one that begins does where the pointer is now.
+        """Return the drag of an event, new where one begins.
 
         Parameters
         ----------
-        drawn : place where the grip is drawn, if that is not its place in the draft [m]
-        taken, quaternion : place of the pointer [m], and how what it turns is turned
+        drawn : position where the grip is drawn, if that is not its position in the draft [m]
+        taken, quaternion : position of the pointer [m], and orientation of the element under it
         """
         if event.phase == "start" or self.held is None or self.held.grip != grip:
             contents = self.history.now.contents
@@ -241,7 +239,7 @@ class Session:
         return self.held
 
     def _pointed(self, held: Hold, event: Any) -> Array | None:
-        """Return where the pointer leads what is held; None where it points nowhere."""
+        """Return the position to which the pointer drags; None without one."""
         planar, pointer = self.scene.n_dims == 2, np.array(event.end_position, dtype=float)
         through = _on_plane(self.client.camera.position, pointer, held.taken[2]) if planar else pointer
         if through is None or not np.isfinite(through).all():
@@ -252,12 +250,12 @@ class Session:
         return to
 
     def move(self, grip: Grip, to: Array, turn: Array | None, *, last: bool) -> None:
-        """Move a grip, from how it was when it was taken, and ask for the motion.
+        """Move a grip relative to the drag's beginning; request the motion.
 
         Parameters
         ----------
-        to, turn : as `comove.view.workbench.edits.moved`
-        last : whether it is let go
+        to, turn : as in `comove.view.workbench.edits.moved`
+        last : whether the drag ends
         """
         before = self.held.contents if self.held is not None else self.history.now.contents
         try:
@@ -272,7 +270,7 @@ class Session:
             self._ask(draft, dragging=True)
 
     def _show_gizmo(self, grip: Grip, handle: Any) -> None:
-        """Show arrows and rings at something that was clicked."""
+        """Show arrows and rings at a clicked element."""
         if self.gizmo is not None:
             self.gizmo.remove()
         self.selected = grip
@@ -317,7 +315,7 @@ class Session:
     # --- running ---
 
     def _run(self, _: Any) -> None:
-        """Execute the scene step by step, or end the run that goes on."""
+        """Start a step-by-step execution, or end the present one."""
         if self.live:
             self.link.halt()
             return
@@ -348,7 +346,7 @@ class Session:
     # --- teaching ---
 
     def _draw(self, _: Any) -> None:
-        """Let a person show a movement: on a sheet above the plane, or by arrows in space."""
+        """Start drawing a demonstration, on a sheet or by arrows."""
         self._put_down()
         stroke = Stroke(self.scene.n_dims)
         self.panels.taught.content = "**Draw now**, in one go, from the start to the goal."
@@ -373,7 +371,7 @@ class Session:
         self.tool.on_update(led)
 
     def _drawn(self, stroke: Stroke, point: Array | None, *, last: bool) -> None:
-        """Take a point of a movement that is being shown; after the last one, learn it and use it at once."""
+        """Add a point of a demonstration; after the last, learn it."""
         if self.tool is None:
             return
         if point is not None:
@@ -404,7 +402,7 @@ class Session:
         self.commit(replace(self.history.now, taught=None))
 
     def _keep(self, _: Any) -> None:
-        """Learn a primitive from what was shown, and add it to the library of the folder that was started in."""
+        """Learn a primitive from the demonstration, and add it to the library."""
         draft, name = self.history.now, self.panels.controls["movement"].value
         if draft.taught is None:
             self.panels.taught.content = "Show a movement first."
@@ -419,11 +417,11 @@ class Session:
     # --- changes ---
 
     def commit(self, draft: Draft) -> None:
-        """Take a changed draft into the history, draw its scene and ask for its motion."""
+        """Add a changed draft to the history, and request its motion."""
         self._go_to(self.history.then(draft))
 
     def _renew(self) -> None:
-        """Draw the scene of the history, if it is one, and ask for its motion."""
+        """Draw the history's scene if valid, and request its motion."""
         try:
             scene = read_scene(self.history.now.contents, self.link.folder)
         except ComoveError as error:
@@ -445,7 +443,7 @@ class Session:
             self.panels.say(verdict_words("waiting"))
 
     def changed(self, name: str, value: Any) -> None:
-        """Answer a control that a person has changed."""
+        """Handle a changed control."""
         try:
             self._controls[name](self, value) if name in self._controls else self._set(name, value)
         except ComoveError as error:
@@ -466,7 +464,7 @@ class Session:
             self.commit(replace(draft, **{name: value}))
 
     def _add_box(self, _: Any) -> None:
-        """Put a box into the middle of the scene, taken to be moved."""
+        """Add a selected box in the middle of the scene."""
         draft = self.history.now
         number = len(draft.contents["obstacles"])
         self.commit(draft.with_contents(with_box(draft.contents)))
@@ -563,7 +561,7 @@ class Session:
             self._answered_draft(message)
 
     def _answered_draft(self, message: Message) -> None:
-        """Show what the planner says of a draft, unless it has said something of a newer one."""
+        """Show the planner's answer to a draft, unless outdated."""
         number, kind = message["id"], message["kind"]
         if number < self.answered or (kind == "ran" and number != self.asked):
             return
@@ -578,7 +576,7 @@ class Session:
             self.panels.say(verdict_words("failed", message["reasons"]))
 
     def _fail(self, message: Message) -> None:
-        """Show in grey what is not verified: what a folder holds, or else the motion before."""
+        """Show an unverified motion in grey. It is that of a folder, or else the motion before."""
         recording = message.get("recording")
         if recording is not None and self.stage.recording is None:
             self.stage.draw_motion(recording, pale=True)
@@ -590,7 +588,7 @@ class Session:
             self.stage.blame(*(named or nearest))
 
     def _take(self, message: Message, newest: bool) -> None:
-        """Show a verified motion: in colours if it is that of the scene as it is now, else in grey."""
+        """Show a verified motion, in grey if the scene has changed."""
         with self.client.atomic():
             self.stage.draw_motion(message["recording"], pale=not newest or not message.get("holds", True))
             self._show(min(self.time, self.end))
@@ -605,7 +603,7 @@ class Session:
         self._measure(message)
 
     def _measure(self, message: Message) -> None:
-        """Show the measures of what was recorded, and what touched in it."""
+        """Show the measures and contacts of a recording."""
         recording = message["recording"]
         self.stage.touches = message.get("touches", ())
         self.panels.plot(recording, self.scene.manipulators)
@@ -614,7 +612,7 @@ class Session:
         self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
     def _tightest_words(self, recording: RecordedMotion) -> str:
-        """Say where it is tightest; by how much, the table above says, and the plot of samples."""
+        """Return where and when the clearance is least, in words."""
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])
         if not np.isfinite(recording.clearance[recording.index_at(at)]):
             return ""
@@ -637,7 +635,7 @@ class Session:
 
     @property
     def end(self) -> float:
-        """Return the last instant of what is shown, and of what is shown beside it [s]."""
+        """Return the last instant of all shown motions [s]."""
         recording = self.stage.recording
         return max(0.0 if recording is None else float(recording.time[-1]), self.comparison.end)
 
@@ -659,7 +657,7 @@ class Session:
             self.panels.point(index)
 
     def close(self) -> None:
-        """Free what the page held: its planner, and its clock."""
+        """Close the page's planner and clock."""
         self.closed = True
         self._player.cancel()
         self.comparison.close()
@@ -667,7 +665,7 @@ class Session:
 
 
 def _on_plane(camera: Array, through: Array, height: float) -> Array | None:
-    """Return where the line of sight through a point meets the plane at a height; None where it does not."""
+    """Return a line of sight's intersection with a horizontal plane, or None."""
     way = through - camera
     if abs(way[2]) < 1e-9:
         return None

@@ -1,4 +1,4 @@
-"""Contents that a page can show: a named scene, a result folder, or the examples."""
+"""Items that a page can show: scenes, result folders, or examples."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from comove.stored import ResultPart
 
 @dataclass(frozen=True)
 class Item:
-    """Something that a page can show.
+    """Item that a page can show.
 
     Attributes
     ----------
     scene : file of the scene
     result : result folder whose motion is shown; None where one is searched
-    part : what of the folder is played
+    part : shown part of the folder
     """
 
     scene: Path
@@ -34,21 +34,21 @@ class Item:
     part: ResultPart = ResultPart.MOTION
 
     def absolute(self) -> Item:
-        """Return the same by absolute paths, for a process that may stand in another folder."""
+        """Return the item with absolute paths, for other processes."""
         result = None if self.result is None else self.result.absolute()
         return Item(self.scene.absolute(), result, self.part)
 
 
 @dataclass(frozen=True)
 class Shelf:
-    """The things that a page can show.
+    """List of items that a page can show.
 
     Attributes
     ----------
     items : scenes and results by name
     first : name of the one that is shown first
-    folder : folder that the save buttons write into
-    beside : name of the one that stands beside it at first; None for none
+    folder : folder of saved files
+    beside : name of the one that is shown beside it at first; None for none
     """
 
     items: Mapping[str, Item]
@@ -58,23 +58,23 @@ class Shelf:
 
     @property
     def item(self) -> Item:
-        """Return what is shown first."""
+        """Return the item that is shown first."""
         return self.items[self.first]
 
     @property
     def comparable(self) -> Mapping[str, Item]:
-        """Return what can stand beside what is shown: all that was named, by name, but no examples."""
+        """Return the items that can be shown beside, by label. These are all named ones, but no examples."""
         if self.beside is None and (len(self.items) == 1 or self.item.result is None):
             return {}
         return {self.label(name): item for name, item in self.items.items()}
 
     def label(self, name: str) -> str:
-        """Return the name of something beside what is shown, which cannot be that of a method."""
+        """Return an item's label, which differs from methods' names."""
         return f"{'scene' if self.items[name].result is None else 'stored'}: {name}"
 
 
 def shelf_of(paths: Sequence[Path], folder: Path) -> Shelf:
-    """Return what a page can show.
+    """Return the items that a page can show.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def shelf_of(paths: Sequence[Path], folder: Path) -> Shelf:
         Scene files and result folders, the first to be shown with the second beside it; without, the examples of the
         package.
     folder
-        Folder that the save buttons write into.
+        Folder of saved files.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def shelf_of(paths: Sequence[Path], folder: Path) -> Shelf:
 
 
 def _items_in(path: Path) -> dict[str, Item]:
-    """Return what a scene file or a result folder offers, best first."""
+    """Return the items in a scene file or folder, best first."""
     if not path.is_dir():
         read_scene(path)  # a mistake in it is told before a page is opened
         return {path.stem: Item(path)}
@@ -123,7 +123,7 @@ def _items_in(path: Path) -> dict[str, Item]:
 
 
 def _names_of(paths: Sequence[Path]) -> list[str]:
-    """Return short names of files and folders, whole paths where the short ones are the same."""
+    """Return short names of files and folders. They are whole paths where short names are equal."""
     whole = [path.resolve() for path in paths]
     twice = [path for path, count in zip(paths, map(whole.count, whole), strict=True) if count > 1]
     if twice:
@@ -134,18 +134,18 @@ def _names_of(paths: Sequence[Path]) -> list[str]:
 
 
 def parts_of(folder: Path) -> tuple[ResultPart, ...]:
-    """Return what of a result folder can be played, best first.
+    """Return the playable parts of a result folder, best first.
 
     Raises
     ------
     ResultError
-        If it holds nothing of the kind.
+        If it holds none.
     """
     return tuple(reversed(stored.parts_of(folder)))
 
 
 def read_scene(source: Path | dict[str, Any], folder: str | Path | None = None) -> Scene:
-    """Read a scene, without the warnings that who wrote it has seen.
+    """Read a scene without warnings.
 
     Parameters
     ----------

@@ -1,7 +1,5 @@
-"""The stage: binds scenes and recordings, as meshes, lines and poses, to a viewer's scene, of one page or of a file.
-
-Everything is added under a name; what is added again under the same name takes the old one's place.
-"""
+"""Drawing of scenes and recordings in a viewer's scene. Meshes, lines and poses are added to a page or a file.
+Everything is added under a name; an element with the same name replaces the old one."""
 
 from __future__ import annotations
 
@@ -46,7 +44,7 @@ BESIDE = "/beside"  # path under which a second scene is drawn
 
 @dataclass(frozen=True, eq=False)
 class DrawnRobot:
-    """A robot that is drawn, or is to be drawn.
+    """Robot that is drawn, or is to be drawn.
 
     Attributes
     ----------
@@ -64,15 +62,15 @@ class DrawnRobot:
 
 @dataclass(eq=False)
 class Stage:
-    """The drawing of one scene and one motion.
+    """Drawing of one scene and one motion.
 
     Parameters
     ----------
     api : the viewer's scene, of a client or of a server
-    scene : what is drawn
+    scene : the drawn scene
     prefix : path under which everything is drawn
-    aside : array, shape (3,), by which it is drawn aside of where the scene's coordinates put it [m]
-    sizes : sizes with which things are drawn
+    aside : array, shape (3,), displacement of the drawing from the scene's coordinates [m]
+    sizes : sizes of drawn elements
     """
 
     api: Any
@@ -97,7 +95,7 @@ class Stage:
 
     @classmethod
     def beside(cls, first: Stage, scene: Scene) -> Stage:
-        """Return an empty stage for a scene, to the right of another stage as its camera sees it."""
+        """Return an empty stage to the right in another one's view."""
         right = np.array([-np.sin(first.heading), np.cos(first.heading), 0.0])
         halves = [0.5 * float(np.abs(right) @ _size(s)) for s in (first.scene, scene)]
         sizes = first.sizes
@@ -110,7 +108,7 @@ class Stage:
 
     @property
     def heading(self) -> float:
-        """Return the angle about the vertical axis at which the camera stands, opposite to a robot [rad]."""
+        """Return the camera's angle about the vertical, opposite to a robot [rad]."""
         if self.scene.n_dims == 2:
             return float(-0.5 * np.pi)
         way = (self.scene.goal - self.scene.start).mean(axis=0)
@@ -143,7 +141,7 @@ class Stage:
                 self._lines(f"demonstration_{hand}", segments_of(path)[::2], colour_of("#6b7280"), 1.5)
 
     def _draw_obstacles(self) -> None:
-        """Draw the obstacles, where they are at 0 s."""
+        """Draw the obstacles as they are at 0 s."""
         moving, few = self.scene.moving, len(self.scene.moving) < self.sizes.many
         self.obstacles = [
             self._mesh(
@@ -160,7 +158,7 @@ class Stage:
         ]
 
     def name(self, text: str) -> None:
-        """Write a name above the scene, or take it away where it is empty."""
+        """Write a name above the scene, or remove it if empty."""
         self.api.remove_by_name(f"{self.prefix}/name")
         if text:
             top, upwards = _middle(self.scene), self.scene.n_dims - 1
@@ -168,7 +166,7 @@ class Stage:
             self.api.add_label(f"{self.prefix}/name", text, position=tuple(top), anchor="bottom-center")
 
     def draw_robot(self, bodies: Sequence[LinkSurface], home: Array) -> None:
-        """Draw a robot, by bodies and poses of joints as of `DrawnRobot`."""
+        """Draw a robot by its bodies and the poses of its joints. They are those of `DrawnRobot`."""
         path = f"{self.prefix}{ROBOT}"
         self.api.add_frame(path, show_axes=False)
         joints = [self.api.add_frame(f"{path}/joint_{joint}", show_axes=False) for joint in range(len(home))]
@@ -185,12 +183,12 @@ class Stage:
         self.pose_robot(home)
 
     def pose_robot(self, poses: Array) -> None:
-        """Move the links of the robot, by the poses of its joints, array of shape (n_joints, 7)."""
+        """Set the joint poses of the robot, shape (n_joints, 7)."""
         for handle, pose in zip(self.robot.joints if self.robot is not None else (), poses, strict=False):
             handle.position, handle.wxyz = tuple(pose[:3]), tuple(pose[3:])
 
     def _mesh(self, path: str, surface: Surface, colour: Any, **how: Any) -> Any:
-        """Add triangles of one colour; `how` are further arguments of the viewer."""
+        """Add triangles of one colour. `how` are further arguments of the viewer."""
         vertices, faces = surface.vertices.astype(np.float32), surface.faces.astype(np.uint32)
         return self.api.add_mesh_simple(path, vertices, faces, color=colour, **how)
 
@@ -208,7 +206,7 @@ class Stage:
         )
 
     def _draw_mark(self, grip: Grip) -> None:
-        """Draw the start or goal of a group of hands: a ball in its middle, and lines to the hands."""
+        """Draw a group's start or goal: a ball, and lines to end effectors."""
         ends = self.scene.start if grip.kind == "start" else self.scene.goal
         colour = colour_of(START if grip.kind == "start" else GOAL)
         place = place_of(contents_of(self.scene), grip) + [0.0, 0.0, self.lift]
@@ -226,7 +224,7 @@ class Stage:
             self._lines(f"{grip.name}_hands", lines, colour, 3.0)
 
     def _lines(self, name: str, points: Array, colour: Any, thickness: float) -> Any:
-        """Draw segments, array of shape (n, 2, 3), in one colour or one each; thickness in pixels."""
+        """Draw segments, shape (n, 2, 3), in one or several colours. Thickness is in pixels."""
         colours = np.broadcast_to(np.asarray(colour, dtype=np.uint8).reshape(-1, 1, 3), (len(points), 2, 3))
         return self.api.add_line_segments(
             f"{self.prefix}/{name}",
@@ -237,7 +235,8 @@ class Stage:
         )
 
     def draw_motion(self, recording: RecordedMotion, pale: bool = False) -> None:
-        """Draw a motion: load and hands, their paths, the load at equal times, and the tightest instant.
+        """Draw a motion's payload and end effectors with their paths. The payload at equal times and the tightest
+        instant are drawn too.
 
         Parameters
         ----------
@@ -312,12 +311,12 @@ class Stage:
             self._motion["tightest"] = self._lines("tightest", at[edges] + 1.2 * high, BLOCKS, 4.0)
 
     def fade(self) -> None:
-        """Draw the motion that is shown in grey: it is not verified on the scene as it is now."""
+        """Draw the motion in grey, as unverified on the present scene."""
         if self.recording is not None and not self.pale:
             self.draw_motion(self.recording, pale=True)
 
     def show(self, index: int) -> None:
-        """Move load, hands and moving obstacles to a state of the recording."""
+        """Move payload, end effectors and moving obstacles to a recorded state."""
         recording = self.recording
         if recording is None:
             return
@@ -331,7 +330,7 @@ class Stage:
             self.blame(*(touch.obstacle for touch in self.touches if touch.time <= recording.time[index]))
 
     def draw_run(self) -> None:
-        """Take away what belongs to a motion that was planned, before a run is shown."""
+        """Remove the elements of a planned motion before a run."""
         self.show_ghosts(False, keep=True)
         for name in [name for name in self._motion if name.startswith(("path", "tightest"))]:
             self._motion.pop(name).remove()
@@ -344,11 +343,12 @@ class Stage:
             self.obstacles[i].wxyz = tuple(turned[i])
 
     def show_state(self, nodes: Array, offsets: Array, time: float) -> None:
-        """Move load, hands and obstacles to a state of a run, at a time [s].
+        """Move payload, end effectors and obstacles to a run's state.
 
         Parameters
         ----------
         nodes, offsets : arrays, shape (n_nodes, 3) and (n_obstacles, 3), as of a recording [m]
+        time : time of the state [s]
         """
         if self.recording is None:
             return
@@ -358,14 +358,14 @@ class Stage:
         self._move_obstacles(range(len(self.obstacles)), offsets, time)
 
     def show_ghosts(self, visible: bool, *, keep: bool = False) -> None:
-        """Show or hide the load at equal times; `keep` leaves it as it was for the next motion."""
+        """Show or hide the payload at equal times. `keep` leaves the choice for the next motion unchanged."""
         self._ghosts = self._ghosts if keep else visible
         for name, handle in self._motion.items():
             if name.startswith("ghost "):
                 handle.visible = visible
 
     def blame(self, *obstacles: int) -> None:
-        """Draw obstacles that are in the way in red, and all others as they are."""
+        """Draw blocking obstacles in red, and all others as usual."""
         for i, handle in enumerate(self.obstacles):
             plain = colour_of(MOVING) if self.scene.moving[i] else STILL
             wanted = BLOCKS if i in obstacles else plain
@@ -373,7 +373,7 @@ class Stage:
                 handle.color = wanted
 
     def sheet(self) -> Any:
-        """Return a sheet above the plane on which a person can draw."""
+        """Return a sheet above the plane for drawing."""
         low, high = self.scene.lower, self.scene.upper
         height = 2.5 * self.lift
         corners = np.array(
@@ -392,25 +392,25 @@ class Stage:
         )
 
     def draw_stroke(self, rows: Sequence[Sequence[float]]) -> None:
-        """Draw a movement while it is shown; rows of time and position [m]."""
+        """Draw a movement during its demonstration. `rows` are time [s] and position [m]."""
         path = spatial(np.array(rows)[:, 1:])
         path[:, 2] += 2.6 * self.lift
         if len(path) > 1:
             self._lines("stroke", segments_of(path), colour_of("#e07a00"), 4.0)
 
     def grips(self) -> dict[Grip, Any]:
-        """Return everything that can be taken, with the viewer's handle of it."""
+        """Return all grips, with the viewer's handles."""
         return {
             grip: self.obstacles[grip.number] if grip.kind == "obstacle" else self.marks[grip.name]
             for grip in grips_of(self.scene)
         }
 
     def camera(self, beside: Stage | None = None) -> tuple[Array, Array, Array]:
-        """Return where a camera should stand, what it should look at, and what is up; arrays, shape (3,).
+        """Return position, target and up-vector of a camera; shape (3,).
 
         Parameters
         ----------
-        beside : stage to the right, which shall be seen as well
+        beside : stage to the right, which shall be visible as well
         """
         middle, room = _middle(self.scene), self.side
         if beside is not None:
@@ -426,28 +426,26 @@ class Stage:
 
 
 def _middle(scene: Scene) -> Array:
-    """Return the middle of a workspace; array, shape (3,) [m]."""
     return 0.5 * _size(scene) + spatial(scene.lower)
 
 
 def _size(scene: Scene) -> Array:
-    """Return the lengths of the sides of a workspace; array, shape (3,) [m]."""
     return spatial(scene.upper) - spatial(scene.lower)
 
 
 def clear(api: Any) -> None:
-    """Take everything from a viewer's scene but a robot, whose meshes are many."""
+    """Remove everything but a robot from a viewer's scene. A robot has many meshes."""
     for name in list(api._handle_from_node_name):
         if not name.startswith(ROBOT):
             api.remove_by_name(name)
 
 
 def demonstrated(scene: Scene, rows: Taught | None = None) -> Array | None:
-    """Return the demonstration of a scene, carried to every hand; None without one, or where it cannot be read.
+    """Return a scene's demonstration for every end effector. Return None without one, or where it cannot be read.
 
     Parameters
     ----------
-    rows : movement that was demonstrated in its place
+    rows : movement that replaces it
     """
     try:
         taught = movements_of(demonstration_of(scene) if rows is None else demonstration_from(rows), scene)

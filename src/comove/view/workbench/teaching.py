@@ -1,4 +1,4 @@
-"""Movements that a person shows in the page: points with their times, cleaned, learned, and kept in a library."""
+"""Demonstrations drawn in the page: cleaned, learned, kept in a library."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ Taught = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class StrokeSettings:
-    """Settings by which a movement is learned from what a person draws.
+    """Settings for learning a drawn movement.
 
     Attributes
     ----------
-    fewest : points that a movement has
-    shortest : length below which a stroke is a slip of the hand, in longest sides of the workspace
+    fewest : least number of points of a movement
+    shortest : length below which a stroke counts as accidental, in longest sides of the workspace
     rate : points a second after resampling, as a page sends points unevenly [Hz]
-    most : points after resampling
-    still : speed below which the hand rests, as a share of the mean one
+    most : largest number of points after resampling
+    still : speed below which the pointer rests, as a share of the mean one
     ramp : share of the time over which the speed rises from rest, and falls
     """
 
@@ -43,12 +43,12 @@ class StrokeSettings:
 
 
 class Stroke:
-    """A movement while it is shown.
+    """Movement while it is drawn.
 
     Parameters
     ----------
     n_dims : 2 in the plane, 3 in space
-    settings : how a movement is learned from it
+    settings : settings for learning
     """
 
     def __init__(self, n_dims: int, settings: StrokeSettings = StrokeSettings()):
@@ -56,13 +56,13 @@ class Stroke:
         self.rows: list[tuple[float, ...]] = []
 
     def add(self, time: float, point: Array) -> None:
-        """Add a point [m] and when it was passed [s]; what is no number, or not later, is left out."""
+        """Add a finite point [m] with a later time [s]."""
         place = np.asarray(point, dtype=float)[: self.n_dims]
         if np.isfinite(place).all() and (not self.rows or time > self.rows[-1][0]):
             self.rows.append((time, *place.tolist()))
 
     def taught(self, side: float) -> Taught:
-        """Return the movement without rests at its ends, and without noise.
+        """Return the movement without noise and without rests at its ends.
 
         Parameters
         ----------
@@ -92,10 +92,10 @@ class Stroke:
 
 
 def at_rest(time: Array, share: float) -> Array:
-    """Return the times of a movement that starts and stops gently, on the same path and as quick in between.
+    """Return the times of a movement, changed to rest at both ends.
 
-    A pointer is caught in full motion, and let go in full motion; hands that carry begin and end at rest. The speed
-    rises from 0 over a share of the time, and falls likewise.
+    Path and speed in between stay the same. A pointer starts and ends in full motion; end effectors with a payload
+    start and end at rest. The speed rises from 0 over a share of the time, and falls likewise.
 
     Parameters
     ----------
@@ -111,31 +111,31 @@ def at_rest(time: Array, share: float) -> Array:
 
 
 def demonstration_from(taught: Sequence[Sequence[float]], name: str = "drawn") -> Demonstration:
-    """Return the recording of a demonstrated movement.
+    """Return the recording of a drawn movement.
 
     Raises
     ------
     DemonstrationError
-        If it is none.
+        If it is not valid.
     """
     table = np.array(taught, dtype=float)
     return Demonstration(table[:, 0], table[:, 1:], name=name)
 
 
 def csv_of(taught: Taught) -> bytes:
-    """Return the text of a recording that reads back to the same movement."""
+    """Return a movement as CSV that reads back without loss."""
     names = ["time", "x", "y", "z"][: len(taught[0])]
     rows = (",".join(repr(float(value)) for value in row) for row in taught)
     return "\n".join([",".join(names), *rows, ""]).encode()
 
 
 def keep(taught: Taught, name: str, folder: Path) -> Path:
-    """Learn a primitive from a demonstrated movement, and add it to the library in a folder.
+    """Learn a primitive from a movement; add it to a library.
 
     Raises
     ------
     LibraryError
-        If the name is taken or is none, or it cannot be written.
+        If the name is taken or not valid, or the library cannot be written.
     """
     primitive = learn(demonstration_from(taught, name), name=name, source="drawn on the workbench")
     return Library(folder / LIBRARY).add(primitive, name)

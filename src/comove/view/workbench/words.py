@@ -19,7 +19,7 @@ SPECIAL = {
 
 
 def plain_text(text: str) -> str:
-    """Return text in which nothing is read as markup."""
+    """Return text with all markup escaped."""
     return "".join(SPECIAL.get(letter, letter) for letter in text)
 
 
@@ -30,15 +30,15 @@ def verdict_words(
     verdict: str = "",
     against: Sequence[str] = (),
 ) -> str:
-    """Return the verification result of what is shown as Markdown.
+    """Return a verification result as Markdown.
 
     Parameters
     ----------
     kind : "stored", "kept", "found", "solved", "ran", "failed", "waiting", "running", "compiling" or "ended"
-    reasons : why there is no verified motion
+    reasons : reasons why there is no verified motion
     seconds : time from the change to the first verified motion [s]
-    verdict : what is known of something stored
-    against : scene and robot that it was verified against, in words
+    verdict : result of a stored or executed motion
+    against : scene and robot of the verification, in words
     """
     took = "" if seconds is None else f"{seconds:.1f} s" if seconds >= 1.0 else f"{1e3 * seconds:.0f} ms"
     after = took and f" {took} after the change"
@@ -59,13 +59,13 @@ def verdict_words(
 
 
 def named_in(scene: Scene, reasons: Sequence[str]) -> tuple[int, ...]:
-    """Return the numbers of the obstacles that reasons name, so that just these are coloured."""
+    """Return the numbers of the obstacles that reasons name."""
     names = [scene.name_of(number) for number in range(len(scene.file.obstacles))]
     return tuple(number for number, name in enumerate(names) if any(name in reason for reason in reasons))
 
 
 def measures_words(rows: Sequence[Sequence[str]], proved: bool = True) -> str:
-    """Return measures, rows of `comove.stored`, as a table in Markdown that says whether they are proved."""
+    """Return rows of measures as a Markdown table. It says whether they are proved."""
     lines = "\n".join(f"| {name} | {said} | {asked} |" for name, said, asked in rows)
     head = "at every instant | proved" if proved else "in the simulation | measured"
     return f"| {head} | asked for |\n|---|---|---|\n{lines}"

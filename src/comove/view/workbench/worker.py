@@ -1,12 +1,12 @@
-"""The planner of one page, in a process of its own: it solves the newest draft, drops those before, and runs.
+"""Planner of one page, in a process of its own.
 
-`python -m comove.view.workbench.worker SOCKET` answers the messages that come through a socket (see
+`python -m comove.view.workbench.worker SOCKET` answers the messages of a socket (see
 `comove.view.workbench.protocol`). It ends when the other end closes.
 
-A draft is answered in steps. First the motion that is shown is verified on the new scene: where it is still verified,
-it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
-found, better ones follow, and the last answer is the best. A newer draft ends the search, but while the hand still
-drags not before it had some patience to find its first motion: so a plan follows a hand that never rests.
+A draft is answered in steps. First the present motion is verified on the new scene: where it is still verified, it
+stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
+found, better ones follow, and the last answer is the best. A newer draft ends the search, but during a drag only
+after a minimum time for its first motion: so plans are found while the pointer moves.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ Tell = Callable[[Message], None]
 
 
 class RunMailbox(Mailbox):
-    """A mailbox that keeps aside what a run asks for as it goes on: whether to stop, and where obstacles are led."""
+    """Mailbox that also keeps a run's stop request and dragged obstacles."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,7 +75,7 @@ class RunMailbox(Mailbox):
         self._halted = False
 
     def put(self, message: Message) -> None:
-        """Add a message; of the places to which an obstacle is led, the newest is kept."""
+        """Add a message; keep the newest position of each dragged obstacle."""
         with self._changed:
             if message["kind"] == "lead":
                 self._leads[message["obstacle"]] = message["place"]
@@ -88,30 +88,30 @@ class RunMailbox(Mailbox):
         super().put(message)
 
     def leads(self) -> dict[int, Any]:
-        """Return where obstacles are led since this was last asked, by their numbers."""
+        """Return the new positions of dragged obstacles since the last call."""
         with self._changed:
             leads, self._leads = self._leads, {}
             return leads
 
     @property
     def halted(self) -> bool:
-        """Return whether a run shall end: it was stopped, or something else waits."""
+        """Return whether a run shall end, for a request or draft."""
         return self._halted or self.closed or self.draft is not None
 
     @property
     def let_go(self) -> bool:
-        """Return whether a newer draft waits after which none follows at once, so that it need not be put off."""
+        """Return whether a newer draft waits that ends a drag."""
         draft = self.draft
         return draft is not None and not draft["dragging"]
 
 
 class PlannedArms:
-    """The arms of a robot, with the joint motion that is shown.
+    """Arms of a robot, with the present joint motion.
 
     Parameters
     ----------
     robot : the robot
-    named : name or path of its description, as the scene has it
+    named : name or path of its description, as in the scene
     """
 
     def __init__(self, robot: Robot, named: str):
@@ -120,7 +120,7 @@ class PlannedArms:
         self._found: VerifiedJointMotion | None = None
 
     def still(self, motion: VerifiedMotion) -> Playback | None:
-        """Return the joint motion that is shown, if it follows the motion of the hands on a changed scene too."""
+        """Return the present joint motion if verified with a new motion."""
         from comove.robots import verify_joints
 
         if self.kept is None:
@@ -131,7 +131,7 @@ class PlannedArms:
         return self._shown(verify_joints(self.robot, motion, joints).verified)
 
     def carried(self, motion: CoordinatedMotion) -> Playback | None:
-        """Return the joint motion that a search has just verified for a motion of the hands; None for another."""
+        """Return the found joint motion of an end-effector motion, or None."""
         found = self._found
         return self._shown(found) if found is not None and found.motion.motion is motion else None
 
@@ -142,16 +142,16 @@ class PlannedArms:
         return playback_of_joints(self.robot, verified.motion.motion, verified.joints, verified.report)
 
     def find(self, found: VerifiedJointMotion) -> None:
-        """Note a joint motion that a search has just verified."""
+        """Store a joint motion that a search has just verified."""
         self._found = found
 
 
 class Worker:
-    """Answers drafts; the last verified motion answers the next draft at once, if it still holds.
+    """Planner that answers drafts. The last verified motion answers the next draft at once, if it is still verified.
 
     Parameters
     ----------
-    mailbox : where drafts come from
+    mailbox : source of drafts
     tell : function that sends an answer
     """
 
@@ -179,7 +179,8 @@ class Worker:
                     self._send(message, kind, reasons=[str(error)])
 
     def answer(self, asked: Message) -> None:
-        """Answer a draft: verify a result folder, if that is wanted, else the motion shown, and search.
+        """Answer a draft. A result folder, if requested, else the present motion is verified; then a motion is
+        searched.
 
         Raises
         ------
@@ -198,7 +199,8 @@ class Worker:
             self._search(scene, asked)
 
     def _meet_robot(self, scene: Scene) -> None:
-        """Load the robot of a scene and tell how it looks; without robots the hands are planned alone."""
+        """Load the robot of a scene and send its bodies. Where robots are not installed, the end effectors are
+        planned alone."""
         named = scene.file.robot
         if named == (None if self.arms is None else self.arms.named):
             return
@@ -216,7 +218,7 @@ class Worker:
             self.tell({"kind": "robot", "id": -1, "bodies": bodies_of(robot), "home": home})
 
     def _still_verified(self, scene: Scene, asked: Message) -> bool:
-        """Return whether the motion that is shown is verified on a changed scene as well; it is told if it is."""
+        """Return whether the present motion is verified on a changed scene. It is sent if it is."""
         before = self.kept
         if before is None or before.scene.n_dims != scene.n_dims:
             return False
@@ -276,7 +278,7 @@ class Worker:
     def _solved(
         self, scene: Scene, asked: Message, progress: ProgressCallback, stop: Callable[[], bool]
     ) -> Solution:
-        """Search a motion of the hands, or of a robot."""
+        """Search a motion of the end effectors, or of a robot."""
         draft: Draft = asked["draft"]
         method, aim = METHODS[draft.method].kind(), _aim_of(scene, draft)
         load_kernels(SceneKind.of(scene))
@@ -295,21 +297,21 @@ class Worker:
         return solve(scene, robot=self.arms.robot, method=own, found=self.arms.find, **wanted)
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
-        """Return the movement that was demonstrated, or that a scene names, for every hand; it is read once."""
+        """Return the demonstration for every end effector, read once."""
         key = repr((scene.file.demonstration, scene.turns_as_one, rows))
         if self._taught is None or self._taught[0] != key:
             self._taught = key, demonstration_of(scene) if rows is None else demonstration_from(rows)
         return movements_of(self._taught[1], solved)
 
     def run_live(self, asked: Message) -> None:
-        """Execute a draft step by step, tell its states, and verify the run.
+        """Execute a draft step by step, send states, and verify it.
 
         Raises
         ------
         SceneError
             If the draft is no scene.
         OptionError
-            If it has no duration, or arms carry.
+            If it has no duration, or names a robot.
         """
         draft: Draft = asked["draft"]
         scene = read_scene(draft.contents, asked["folder"])
@@ -389,7 +391,7 @@ class Worker:
 
 
 def _aim_of(scene: Scene, draft: Draft) -> Any:
-    """Return the objective that a draft asks for; None leaves it to `solve`."""
+    """Return the objective of a draft; None leaves it to `solve`."""
     name, resemblance = draft.objective, draft.resemblance
     if draft.method != Comove.name:
         return None if name not in OBJECTIVES else PaperCost()
@@ -400,7 +402,7 @@ def _aim_of(scene: Scene, draft: Draft) -> Any:
 
 
 def _command_again(draft: Draft | None, scene: Scene, times: SearchTimes) -> dict[str, Any]:
-    """Return the command that solves a draft again, and the recording that was drawn, as `save_result` takes them."""
+    """Return the command and recording that solve a draft again. They are arguments of `save_result`."""
     if draft is None:
         return {}
     words: list[str | Path] = ["solve", place_of_scene(scene), "--method", draft.method]
@@ -419,7 +421,7 @@ def _command_again(draft: Draft | None, scene: Scene, times: SearchTimes) -> dic
 
 
 def main(number: int) -> None:
-    """Answer what comes through a socket until the other end is closed."""
+    """Answer the messages of a socket until it is closed."""
     os.dup2(2, 1)  # what libraries print is no part of what the command says
     connection, mailbox, sending = Connection(number), RunMailbox(), threading.Lock()
 
