@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import PPoly
 
 from comove.arrays import ROUNDING, Array
 from comove.model.files.keys import DEFAULT_MASS
@@ -31,6 +30,7 @@ from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
+    JointCurve,
     JointMotion,
     largest_acceleration,
     largest_approach,
@@ -59,8 +59,9 @@ def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
     return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
 
 
+@lru_cache(maxsize=8)
 def _counted_masses(scene: Scene) -> Array:
-    """Return the mass that counts as every hand's share; array, shape (n_hands,) [kg].
+    """Return the mass that counts as every hand's share; array, shape (n_hands,), not to be changed [kg].
 
     A share that is less than an equal one counts as that: a load that leans or lags is not held in balance.
     """
@@ -147,7 +148,7 @@ def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
     return model
 
 
-def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
+def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: JointCurve) -> Extreme:
     """Compute the largest share of its effort limit that a joint uses, with the margin for instants between samples.
 
     Parameters
@@ -156,11 +157,11 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
     masses : array, shape (n_arms,), mass that each arm carries [kg]
     curve : joint positions by time [s], cubic between samples
     """
-    time, model = _sampling(curve.x), loaded_model(robot, arms, masses)
-    return _largest_share(robot, time, torques(robot, model, curve(time), curve(time, 1), curve(time, 2)))
+    time, inertias = _sampling(curve.x), _loaded(robot, arms, tuple(masses.tolist()))
+    return _largest_share(robot, time, _torques(robot, inertias, *curve.orders(time, 2)))
 
 
-def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
+def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: JointCurve) -> Extreme:
     """Compute the largest share of its effort limit that a joint uses where the robot holds still along a motion.
 
     Arguments as in `largest_torque`.
@@ -245,7 +246,16 @@ def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceler
     ----------
     loaded : the robot's model with the load
     """
-    torque = inverse_dynamics(robot, Inertias.of(loaded), position, velocity, acceleration)
+    return _torques(robot, Inertias.of(loaded), position, velocity, acceleration)
+
+
+@lru_cache(maxsize=8)
+def _loaded(robot: Robot, arms: tuple[Arm, ...], masses: tuple[float, ...]) -> Inertias:
+    return Inertias.of(loaded_model(robot, arms, np.array(masses)))
+
+
+def _torques(robot: Robot, loaded: Inertias, position: Array, velocity: Array, acceleration: Array) -> Array:
+    torque = inverse_dynamics(robot, loaded, position, velocity, acceleration)
     if robot.relief.any():
         still = np.zeros_like(position)
         torque -= robot.relief * inverse_dynamics(robot, Inertias.of(robot.model), position, still, still)
