@@ -202,7 +202,7 @@ def sample(space, path, reached, at, out):
         interpolate(space, path[i], path[i + 1], min(1.0, max(0.0, f)), out[row])
 
 
-@kernel
+@kernel(nogil=True)
 def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
     """Grow trees from windows, existing nodes and free space until start and goal are in one; return the path.
 

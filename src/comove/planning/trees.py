@@ -59,7 +59,7 @@ def shortens(world, p, q, way):
     return world.shortens(p, q, way)
 
 
-@kernel
+@kernel(nogil=True)
 def rrt_connect(world, start, goal, margin, rng, max_nodes, max_draws, before):
     """Grow a tree from each end until they meet; return the path, which is empty if they do not.
 
@@ -148,7 +148,7 @@ def _joined(trees, parents, mine, theirs):
     return path
 
 
-@kernel
+@kernel(nogil=True)
 def shortened(world, path, margin, rng, n_trials):
     """Replace pieces between random points of a path by straight edges, where these are free; return the path."""
     count, width = path.shape[0], path.shape[1]
