@@ -27,8 +27,10 @@ def first_largest(values: ArrayLike) -> int:
     best = int(np.argmax(values))
     if not np.isfinite(values[best]):
         return best
-    finite = values[np.isfinite(values)]
-    return int(np.argmax(values >= values[best] - ROUNDING * np.abs(finite).max()))
+    size = np.abs(values).max()
+    if not np.isfinite(size):
+        size = np.abs(values[np.isfinite(values)]).max()
+    return int(np.argmax(values >= values[best] - ROUNDING * size))
 
 
 def first_least(values: ArrayLike) -> int:

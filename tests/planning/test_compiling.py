@@ -9,9 +9,8 @@ from comove.model import demonstration_of, load_coordinates
 from comove.planning import Comove, SceneKind, load_kernels, solve
 from comove.planning.clock import LEFT
 from comove.planning.compiling import Compiled, compiling
-from comove.planning.configurations import configuration_space
 from comove.planning.method import Method
-from comove.planning.methods import _planner
+from comove.planning.methods import Plans
 from tests.solved import example
 
 
@@ -90,15 +89,12 @@ class Delayed(Comove):
 
     def run(self, search, *, planner):
         """Plan with a budget that is spent until what was compiled has been counted."""
-        coordinates = load_coordinates(search.scene)
-        space = configuration_space(search.scene, coordinates, clock=search.clock.array)
-        ends = coordinates.boundary()
-        targets_of, found = _planner(search, space, ends, self), []
+        plans, found = Plans.of(search, self), []
         search.clock.started -= 1e9
         for seconds in (0.0, 2e9):
             search.clock.compiled.seconds += seconds
-            space.clock[LEFT] = 0.0  # the next look at the time comes at once
-            found.append(targets_of(0, 1000) is not None)
+            search.clock.array[LEFT] = 0.0  # the next look at the time comes at once
+            found.append(next(plans.drawn(search, 1, 0, 1000)) is not None)
         assert found == [False, True]
         search.journal.log["planned"] = 1.0
 

@@ -9,7 +9,6 @@ import cmeel_pth
 import numpy as np
 import pytest
 import yaml
-from scipy.interpolate import CubicSpline
 
 import comove
 from comove.control.safety.cbf_qp import JointState
@@ -18,7 +17,7 @@ from comove.model import Scene
 from comove.robots import JointMotion, Robot, plan_transfers
 from comove.robots.effort import shortest_duration
 from comove.robots.further_limits import FurtherLimits
-from comove.robots.motion import approach_shares, largest_approach, largest_jerk
+from comove.robots.motion import JointCurve, approach_shares, largest_approach, largest_jerk
 from comove.robots.online.executor import JointExecutor
 from comove.robots.verification import checks
 from tests.robots.known_carry import baxter, known_carry
@@ -131,7 +130,7 @@ def random_motion(seed):
     """A clamped spline of three joints, limits that it keeps, and time constants, of which one may be 0."""
     rng = np.random.default_rng(seed)
     time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 1.0, rng.integers(1, 8)))])
-    curve = CubicSpline(time, rng.normal(size=(len(time), 3)), bc_type="clamped")
+    curve = JointCurve.through(time, rng.normal(size=(len(time), 3)))
     dense = np.linspace(0.0, time[-1], 20_001)
     position = curve(dense)
     lower, upper = (
@@ -156,7 +155,7 @@ def test_the_largest_share_of_the_velocity_near_limits_is_that_of_dense_sampling
 
 def test_a_joint_cannot_come_to_rest_at_a_soft_limit():
     time = np.linspace(0.0, 2.0, 21)
-    curve = CubicSpline(time, np.sin(0.25 * np.pi * time)[:, None] ** 2, bc_type="clamped")
+    curve = JointCurve.through(time, np.sin(0.25 * np.pi * time)[:, None] ** 2)
     reached = largest_approach(curve, np.array([0.1]), np.array([-1.0]), np.array([1.0]))
     assert reached.value > 20.0  # without bound, but for what rounding leaves of the limit
     from_limit = largest_approach(curve, np.array([0.1]), np.array([0.0]), np.array([2.0]))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count, islice
@@ -16,6 +16,7 @@ from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
 from comove.model.scene import Scene
+from comove.planning.ahead import Plan, PlansAhead, Targets, drawn
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import (
@@ -253,7 +254,8 @@ class Comove(Method):
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.journal.stage = "planning"
-            found, start = plans.targets(failures, self._nodes(failures)), None
+            search.clock.wind()
+            found, start = plans.targets(failures, self._nodes(failures), search.rng), None
             if found is not None:
                 mend = search.found.best is None and (plans_are_dear or unfit >= self.n_unfit)
                 start = self._certified_fit(search, *found, mend)
@@ -286,13 +288,17 @@ class Comove(Method):
         smoothed first: long paths seldom make good motions. In the plane, those that can be deformed into a known
         motion would become the same. Where one path is enough, that of the demonstration is.
         """
+        # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
+        dear = search.kinematics.has_limits or plans.in_time
+        n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
+        with closing(PlansAhead(search, plans.planner, n_drawn)) as ahead:
+            return self._smooth_ways(search, plans, ahead, dear)
+
+    def _smooth_ways(self, search: Search, plans: Plans, ahead: PlansAhead, dear: bool) -> bool:
         failures = idle = met = smooth = 0
         known = list[tuple[Array, float]]()
         space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
-        # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
-        dear = limited or plans.in_time
-        n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
         n_ways = search.level.ways or n_ways
         taught = search.taught is not None and follows(search)
@@ -305,10 +311,10 @@ class Comove(Method):
                 hasty or (search.found.best is None and search.found.needed < np.inf)
             ):
                 break  # seconds a way, and ways differ less in time than in jerk
-            for _ in range(n_drawn):
-                search.check_time()
-                search.journal.stage = "planning"
-                found = plans.targets(failures, self._nodes(failures if search.found.best is None else 0))
+            search.check_time()
+            search.journal.stage = "planning"
+            nodes = self._nodes(failures if search.found.best is None else 0)
+            for found in ahead.taken() or plans.drawn(search, ahead.count, failures, nodes):
                 if found is None:
                     failures += 1
                     break
@@ -327,6 +333,9 @@ class Comove(Method):
                 tried, idle = tried + 1, idle + 1
                 met += like < (1 + self.settings.worth_another) * search.found.best_cost
                 continue
+            # One that gains nothing may be the last one.
+            if not limited and tried + 1 < n_ways and idle + 1 < n_idle and met + 1 < n_met:
+                ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
             if tried == 0 and taught:
                 self._smooth_demonstration(search)
             search.journal.stage = "smoothing"
@@ -503,8 +512,6 @@ class Guide(Quick):
         return rejected is not None and self.will_do(rejected.report, search.scene)
 
 
-Targets = Callable[[int, int], tuple[Array, Array] | None]
-"""What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
 Stages = Generator[Callable[[], bool], bool | None, bool]
 """What yields functions that search, to be called one after the other, and receives what they return."""
 
@@ -516,12 +523,14 @@ class Plans(NamedTuple):
     ----------
     space : configuration space of the payload
     ends : boundary of the motions, as in `CoordinatedMotion`
-    targets : planner
+    planner : function of a clock that returns the planner
+    targets : the planner with the search's clock
     in_time : whether plans are in time as well
     """
 
     space: Space
     ends: Array
+    planner: Callable[[Array], Targets]
     targets: Targets
     in_time: bool
 
@@ -532,8 +541,20 @@ class Plans(NamedTuple):
         space = configuration_space(search.scene, planning, method.settings.space, search.clock.array)
         ends = planning.boundary()
         in_time = bool(search.scene.moving.any() or ends[1].any())
-        planner = _planner_in_time if in_time else _planner
-        return cls(space, ends, planner(search, space, ends, method), in_time)
+        kind = _planner_in_time if in_time else _planner
+
+        def planner(clock: Array) -> Targets:
+            return kind(search, space._replace(clock=clock), ends, method)
+
+        return cls(space, ends, planner, planner(space.clock), in_time)
+
+    def drawn(self, search: Search, count: int, failures: int, max_nodes: int) -> Iterator[Plan | None]:
+        """Yield plans as `ahead.drawn` does, within the search's own budget."""
+        search.clock.wind()
+        for plan in drawn(self.targets, count, failures, max_nodes, search.rng):
+            yield plan
+            search.check_time()
+            search.clock.wind()
 
 
 def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:
@@ -558,10 +579,9 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
     goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
     grow = search.kinematics.planner(method.settings.planner)
 
-    def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
+    def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
-        search.clock.wind()
-        path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
+        path = grow(space, start, goal, margin, rng, required=required, max_nodes=max_nodes)
         if path is None:
             return None
         path, _ = _between_supports(
@@ -607,16 +627,15 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
     unlimited = settings.unlimited * (span(space, start, goal) + space.cap)
     limit = min(scene.speed_limit * scene.duration, unlimited)
 
-    def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
+    def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         share = settings.shares[failures % len(settings.shares)]
         margin = settings.margins[failures % len(settings.margins)]
-        search.clock.wind()
         found = search.kinematics.plan_in_time(
             world,
             *lifts,
             share * limit,
             margin,
-            search.rng,
+            rng,
             max_nodes=max_nodes,
             share=share,
             before=method.before,

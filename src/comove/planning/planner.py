@@ -204,7 +204,7 @@ def sample(space, path, reached, at, out):
         interpolate(space, path[i], path[i + 1], min(1.0, max(0.0, f)), out[row])
 
 
-@kernel
+@kernel(nogil=True)
 def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
     """Grow many trees until one joins start and goal; return its path. It is empty if none is found.
 

@@ -59,7 +59,7 @@ def shortens(world, p, q, way):
     return world.shortens(p, q, way)
 
 
-@kernel
+@kernel(nogil=True)
 def rrt_connect(world, start, goal, margin, rng, max_nodes, max_draws, before):
     """Grow a tree from each end until they meet; return the path. It is empty if they do not meet.
 
@@ -148,7 +148,7 @@ def _joined(trees, parents, mine, theirs):
     return path
 
 
-@kernel
+@kernel(nogil=True)
 def shortened(world, path, margin, rng, n_trials):
     """Replace random pieces of a path by free straight edges; return it."""
     count, width = path.shape[0], path.shape[1]

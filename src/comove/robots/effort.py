@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import PPoly
 
 from comove.arrays import ROUNDING, Array
 from comove.model.files.keys import DEFAULT_MASS
@@ -30,6 +29,7 @@ from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
+    JointCurve,
     JointMotion,
     largest_acceleration,
     largest_approach,
@@ -58,10 +58,11 @@ def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
     return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
 
 
+@lru_cache(maxsize=8)
 def _counted_masses(scene: Scene) -> Array:
-    """Return the mass that counts as every end effector's share; array, shape (n_hands,) [kg].
+    """Return the mass that counts as every hand's share; array, shape (n_hands,), not to be changed [kg].
 
-    A share below an equal one counts as that: a payload that leans or lags is not held in balance.
+    A share that is less than an equal one counts as that: a load that leans or lags is not held in balance.
     """
     share = np.abs(_shares(scene))
     least = 1.0 / max(len(scene.file.holder_numbers), 1)
@@ -146,7 +147,7 @@ def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
     return model
 
 
-def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
+def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: JointCurve) -> Extreme:
     """Compute the largest share of a joint's effort limit. A margin for instants between samples is included.
 
     Parameters
@@ -155,11 +156,11 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
     masses : array, shape (n_arms,), mass that each arm holds [kg]
     curve : joint positions by time [s], cubic between samples
     """
-    time, model = _sampling(curve.x), loaded_model(robot, arms, masses)
-    return _largest_share(robot, time, torques(robot, model, curve(time), curve(time, 1), curve(time, 2)))
+    time, inertias = _sampling(curve.x), _loaded(robot, arms, tuple(masses.tolist()))
+    return _largest_share(robot, time, _torques(robot, inertias, *curve.orders(time, 2)))
 
 
-def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
+def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: JointCurve) -> Extreme:
     """Compute the largest share of effort limits while still along a motion. Arguments as in `largest_torque`."""
     time = _sampling(curve.x)
     position = curve(time)
@@ -241,7 +242,16 @@ def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceler
     ----------
     loaded : the robot's model with the payload
     """
-    torque = inverse_dynamics(robot, Inertias.of(loaded), position, velocity, acceleration)
+    return _torques(robot, Inertias.of(loaded), position, velocity, acceleration)
+
+
+@lru_cache(maxsize=8)
+def _loaded(robot: Robot, arms: tuple[Arm, ...], masses: tuple[float, ...]) -> Inertias:
+    return Inertias.of(loaded_model(robot, arms, np.array(masses)))
+
+
+def _torques(robot: Robot, loaded: Inertias, position: Array, velocity: Array, acceleration: Array) -> Array:
+    torque = inverse_dynamics(robot, loaded, position, velocity, acceleration)
     if robot.relief.any():
         still = np.zeros_like(position)
         torque -= robot.relief * inverse_dynamics(robot, Inertias.of(robot.model), position, still, still)

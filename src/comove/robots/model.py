@@ -135,7 +135,7 @@ class Robot:
         """Return the name of the description."""
         return self.description.name
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of the moving joints, in the order of q."""
         return tuple(self.model.names[1:])
@@ -166,8 +166,15 @@ class Robot:
 
     def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
         """Return the joint that moves a grasp frame, and the placement there. It is an SE3."""
-        tip = self.model.frames[self.model.getFrameId(arm.tip)]
-        return tip.parentJoint, tip.placement * pin.SE3(arm.tool)
+        return self._grasp_frames[arm.name]
+
+    @cached_property
+    def _grasp_frames(self) -> dict[str, tuple[int, Any]]:
+        tips = {arm.name: self.model.frames[self.model.getFrameId(arm.tip)] for arm in self.arms}
+        return {
+            arm.name: (tips[arm.name].parentJoint, tips[arm.name].placement * pin.SE3(arm.tool))
+            for arm in self.arms
+        }
 
     def gripper_links(self, arm: Arm) -> frozenset[str]:
         """Return the link names of an arm's gripper in the description."""

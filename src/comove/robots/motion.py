@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline, PPoly
 
 from comove.arrays import Array, Integers, first_largest
 from comove.brief import brief
@@ -23,6 +22,106 @@ from comove.dmp.arguments import is_number
 from comove.errors import OptionError
 
 SLOWEST, FASTEST = 20.0, 1e4  # Hz, of commands: below, hands would leave their distance between them
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurve:
+    """Cubics of joint positions by time [s] between samples.
+
+    A call evaluates the derivative of an order at given times.
+
+    Attributes
+    ----------
+    x : array, shape (n_steps,), times of the samples [s]
+    c : array, shape (4, n_steps - 1, n_joints), coefficients of (t - x)^3 to (t - x)^0, as SciPy's `PPoly` has them
+    """
+
+    x: Array
+    c: Array
+
+    @classmethod
+    def through(cls, time: Array, position: Array) -> JointCurve:
+        """Return the C2 curve through samples, at rest at both ends.
+
+        Parameters
+        ----------
+        time : array, shape (n_steps,) [s]
+        position : array, shape (n_steps, n_joints) [rad, m for prismatic joints]
+        """
+        x = np.array(time, dtype=float)
+        return cls(x, _clamped(x, np.array(position, dtype=float)))
+
+    def __call__(self, time: ArrayLike, order: int = 0) -> Array:
+        """Evaluate the derivative of an order at given times; array, shape (..., n_joints)."""
+        return self.orders(time, order)[order]
+
+    def orders(self, time: ArrayLike, last: int) -> Array:
+        """Evaluate position and derivatives up to an order, 2 at most; array, shape (last + 1, ..., n_joints)."""
+        at = np.array(time, dtype=float)
+        return _evaluated(self.x, self.c, at.ravel(), last).reshape(last + 1, *at.shape, self.c.shape[2])
+
+    @cached_property
+    def fastest(self) -> tuple[Array, Array]:
+        """Return the largest speeds between samples, and their times; arrays, shape (n_intervals, n_joints)."""
+        return _fastest(self.c, self.x)
+
+    @cached_property
+    def bends(self) -> Array:
+        """Return the sizes of the second derivatives at the samples; array, shape (n_steps, n_joints)."""
+        return np.abs(self(self.x, 2))
+
+    @property
+    def bends_between(self) -> Array:
+        """Return the largest sizes of the second derivatives between samples; (n_intervals, n_joints)."""
+        return np.maximum(self.bends[1:], self.bends[:-1])
+
+
+@kernel
+def _clamped(x: Array, y: Array) -> Array:
+    """Return the coefficients of `JointCurve.through`.
+
+    Slopes s of C2 cubics obey h_i s_(i-1) + 2 (h_(i-1) + h_i) s_i + h_(i-1) s_(i+1) = 3 (h_i d_(i-1) + h_(i-1) d_i),
+    with widths h and slopes d of the chords: a diagonally dominant tridiagonal system (de Boor 1978, ch. IV).
+    """
+    n, m = x.shape[0] - 1, y.shape[1]
+    c, share, slope = np.empty((4, n, m)), np.zeros(n + 1), np.zeros((n + 1, m))
+    for i in range(1, n):
+        before, after = x[i] - x[i - 1], x[i + 1] - x[i]
+        pivot = 2.0 * (before + after) - after * share[i - 1]
+        share[i] = before / pivot
+        for k in range(m):
+            right = 3.0 * (
+                after / before * (y[i, k] - y[i - 1, k]) + before / after * (y[i + 1, k] - y[i, k])
+            )
+            slope[i, k] = (right - after * slope[i - 1, k]) / pivot
+    for i in range(n - 1, -1, -1):
+        width = x[i + 1] - x[i]
+        for k in range(m):
+            slope[i, k] -= share[i] * slope[i + 1, k]
+            chord = (y[i + 1, k] - y[i, k]) / width
+            c[0, i, k] = (slope[i, k] + slope[i + 1, k] - 2.0 * chord) / width**2
+            c[1, i, k] = (3.0 * chord - 2.0 * slope[i, k] - slope[i + 1, k]) / width
+            c[2, i, k], c[3, i, k] = slope[i, k], y[i, k]
+    return c
+
+
+@kernel
+def _evaluated(x: Array, c: Array, time: Array, last: int) -> Array:
+    """Return `JointCurve.orders` at times, array of shape (n,); beyond the ends the outer cubics go on."""
+    n, m, i = time.shape[0], c.shape[2], 0
+    result = np.empty((last + 1, n, m))
+    for t in range(n):
+        if not (x[i] <= time[t] < x[i + 1]):
+            i = min(max(np.searchsorted(x, time[t], side="right") - 1, 0), c.shape[1] - 1)
+        s = time[t] - x[i]
+        for k in range(m):
+            cubic, square, slope = c[0, i, k], c[1, i, k], c[2, i, k]
+            result[0, t, k] = ((cubic * s + square) * s + slope) * s + c[3, i, k]
+            if last > 0:
+                result[1, t, k] = (3.0 * cubic * s + 2.0 * square) * s + slope
+            if last > 1:
+                result[2, t, k] = 6.0 * cubic * s + 2.0 * square
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +145,9 @@ class JointMotion:
     position: Array
 
     @cached_property
-    def curve(self) -> CubicSpline:
+    def curve(self) -> JointCurve:
         """Return the spline of position by time [s], clamped at rest."""
-        return CubicSpline(self.time, self.position, bc_type="clamped")
+        return JointCurve.through(self.time, self.position)
 
     @cached_property
     def velocity(self) -> Array:
@@ -67,7 +166,8 @@ class JointMotion:
 
     def at(self, time: ArrayLike) -> tuple[Array, Array, Array]:
         """Evaluate position, velocity and acceleration at given times; arrays, shape (..., n_joints)."""
-        return self.curve(time), self.curve(time, 1), self.curve(time, 2)
+        position, velocity, acceleration = self.curve.orders(time, 2)
+        return position, velocity, acceleration
 
     def stretched(self, duration: float) -> JointMotion:
         """Return the same path with time scaled to another duration [s]."""
@@ -75,7 +175,7 @@ class JointMotion:
 
     def largest(self) -> tuple[Array, Array]:
         """Compute the largest speed and acceleration of each joint at any instant; arrays, shape (n_joints,)."""
-        return fastest(self.curve)[0].max(axis=0), np.abs(self.acceleration).max(axis=0)
+        return self.curve.fastest[0].max(axis=0), self.curve.bends.max(axis=0)
 
 
 class JointCommand(NamedTuple):
@@ -108,7 +208,7 @@ class Extreme(NamedTuple):
         return cls(float(values.max()), int(column), float(when))
 
 
-def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
+def least_margin(curve: JointCurve, lower: Array, upper: Array) -> Extreme:
     """Compute the joints' least margin to limits [rad, m for prismatic joints]. It is negative beyond them.
 
     Parameters
@@ -121,18 +221,18 @@ def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
     return Extreme.largest(-margin, time)._replace(value=float(margin.min()))
 
 
-def largest_velocity(curve: PPoly, limit: Array) -> Extreme:
+def largest_velocity(curve: JointCurve, limit: Array) -> Extreme:
     """Compute the largest share of a joint's velocity limit, shape (n_joints,)."""
-    speed, time = fastest(curve)
+    speed, time = curve.fastest
     return Extreme.largest(speed / limit, time)
 
 
-def largest_acceleration(curve: PPoly, limit: Array) -> Extreme:
+def largest_acceleration(curve: JointCurve, limit: Array) -> Extreme:
     """Compute the largest share of a joint's acceleration limit, shape (n_joints,)."""
-    return Extreme.largest(np.abs(curve(curve.x, 2)) / limit, curve.x)
+    return Extreme.largest(curve.bends / limit, curve.x)
 
 
-def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) -> Extreme:
+def largest_approach(curve: JointCurve, approach: Array, lower: Array, upper: Array) -> Extreme:
     """Compute the largest share of the joints' approach velocities at position limits.
 
     A joint at q, with the time constant T and the limit b before it, may move at (b - q)/T. The largest share, at any
@@ -149,7 +249,7 @@ def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) 
     -------
     Extreme : inf for a joint that moves at its limit, or comes to rest there
     """
-    return Extreme(*_fastest_approach(curve.c, np.array(curve.x), approach, lower, upper))
+    return Extreme(*_fastest_approach(curve.c, curve.x, approach, lower, upper))
 
 
 @kernel
@@ -224,26 +324,21 @@ def approach_shares(position: Array, velocity: Array, approach: Array, lower: Ar
     return np.where(wanted > 0.0, share, 0.0)
 
 
-def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
+def largest_jerk(curve: JointCurve, limit: Array) -> Extreme:
     """Compute the largest share of a joint's jerk limit, shape (n_joints,).
 
     Between samples jerk is constant. At both ends the robot is at rest: an acceleration there counts as one that is
     reached within the time between two samples.
     """
     width = np.diff(curve.x)
-    ends = np.abs(curve(curve.x[[0, -1]], 2)) / width[[0, -1], None]
+    ends = curve.bends[[0, -1]] / width[[0, -1], None]
     jerk = np.concatenate([ends[:1], 6.0 * np.abs(curve.c[0]), ends[1:]])
     return Extreme.largest(jerk / limit, np.concatenate([curve.x[:1], curve.x[:-1], curve.x[-1:]]))
 
 
-def fastest(curve: PPoly) -> tuple[Array, Array]:
-    """Compute largest speeds between samples, and their times; arrays, shape (n_intervals, n_joints)."""
-    return _fastest(curve.c, np.array(curve.x))
-
-
 @kernel
 def _fastest(c: Array, x: Array) -> tuple[Array, Array]:
-    """Compute `fastest` in a kernel."""
+    """Return what `JointCurve.fastest` does."""
     speed, when = np.empty((c.shape[1], c.shape[2])), np.empty((c.shape[1], c.shape[2]))
     for i in range(c.shape[1]):
         width = x[i + 1] - x[i]
@@ -257,9 +352,9 @@ def _fastest(c: Array, x: Array) -> tuple[Array, Array]:
     return speed, when
 
 
-def places(curve: PPoly) -> tuple[Array, Array]:
+def places(curve: JointCurve) -> tuple[Array, Array]:
     """Compute times and positions of samples and of stops; arrays, shape (n_places, n_joints)."""
-    return _places(curve.c, np.array(curve.x))
+    return _places(curve.c, curve.x)
 
 
 @kernel

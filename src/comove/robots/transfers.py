@@ -15,7 +15,7 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import CubicSpline
 
 from comove.arrays import Array
 from comove.brief import brief
@@ -25,7 +25,7 @@ from comove.model.scene import Scene
 from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import Room, way
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import JointMotion, Ranges, largest_approach
+from comove.robots.motion import JointCurve, JointMotion, Ranges, largest_approach
 from comove.robots.present import Joints, present_joints
 from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check
@@ -481,7 +481,7 @@ def _verified(
     return reasons, min(measures)
 
 
-def _after(curve: PPoly, time: float) -> PPoly:
+def _after(curve: JointCurve, time: float) -> JointCurve:
     """Return the curve from the sample nearest to `time` on. Its time starts at 0."""
     first = int(np.abs(curve.x - time).argmin())
-    return PPoly(curve.c[:, first:], curve.x[first:] - curve.x[first])
+    return JointCurve(curve.x[first:] - curve.x[first], np.ascontiguousarray(curve.c[:, first:]))

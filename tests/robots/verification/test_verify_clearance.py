@@ -9,13 +9,13 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import PPoly
 
 from comove.errors import OptionError
 from comove.model import Scene
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.free_space import Room
+from comove.robots.motion import JointCurve
 from comove.robots.transfers import _Still
 from comove.robots.verification import bodies
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
@@ -418,7 +418,7 @@ def test_a_load_put_down_in_a_link_is_met_there(link):
     middle = placed.oMg[robot.collision.getGeometryId(link)].translation
     nodes = carried.nodes(np.zeros(1))[0]
     place = nodes - nodes.mean(axis=0) + middle
-    stands = PPoly(np.concatenate([np.zeros((3, 1, len(q))), q[None, None]]), np.array([0.0, 1.0]))
+    stands = JointCurve.through(np.arange(2.0), np.stack([q, q]))
     there, moved = (certify(w, _Still(place), stands)[LOAD] for w in (world.placed_at(place), world))
     assert there == moved
     assert there.upper < -0.05

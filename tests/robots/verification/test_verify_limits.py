@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from comove.robots.effort import largest_torque, loaded_model, torques
 from comove.robots.motion import (
+    JointCurve,
     Ranges,
-    fastest,
     largest_acceleration,
     largest_velocity,
     least_margin,
@@ -23,11 +23,24 @@ def random_curve(seed):
     """A clamped cubic spline of three joints at uneven samples."""
     rng = np.random.default_rng(seed)
     time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 1.0, rng.integers(1, 8)))])
-    return CubicSpline(time, rng.normal(size=(len(time), 3)), bc_type="clamped"), rng
+    return JointCurve.through(time, rng.normal(size=(len(time), 3))), rng
 
 
 def dense(curve):
     return np.linspace(curve.x[0], curve.x[-1], 20_001)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_joint_curve_is_the_clamped_cubic_spline_of_scipy(seed):
+    curve, rng = random_curve(seed)
+    position = rng.normal(size=(len(curve.x), 2))
+    curve, spline = JointCurve.through(curve.x, position), CubicSpline(curve.x, position, bc_type="clamped")
+    time = rng.permuted(np.concatenate([curve.x, rng.uniform(-0.1, 1.1, 50) * curve.x[-1]]))
+    for order in range(3):
+        scale = 1.0 + np.abs(spline(time, order)).max()
+        np.testing.assert_allclose(curve(time, order), spline(time, order), atol=1e-11 * scale)
+        np.testing.assert_array_equal(curve(time[3], order), curve(time, order)[3])
+    np.testing.assert_allclose(curve.bends, np.abs(spline(curve.x, 2)), atol=1e-9 * (1 + curve.bends.max()))
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -50,7 +63,7 @@ def test_extremes_are_those_of_dense_sampling(seed):
 
 
 def test_a_joint_that_stands_still_has_extremes():
-    curve = CubicSpline([0.0, 1.0, 2.0], np.ones((3, 2)), bc_type="clamped")
+    curve = JointCurve.through(np.arange(3.0), np.ones((3, 2)))
     assert least_margin(curve, np.zeros(2), np.array([3.0, 1.5])).value == 0.5
     assert largest_velocity(curve, np.ones(2)).value == 0.0
 
@@ -58,7 +71,7 @@ def test_a_joint_that_stands_still_has_extremes():
 @given(st.integers(0, 2**32 - 1))
 def test_the_fastest_between_samples_is_faster_than_any_instant_there(seed):
     curve, _ = random_curve(seed)
-    speed, when = fastest(curve)
+    speed, when = curve.fastest
     time = dense(curve)
     interval = np.clip(np.searchsorted(curve.x, time, side="right") - 1, 0, len(speed) - 1)
     assert (np.abs(curve(time, 1)) <= speed[interval] + 1e-12).all()

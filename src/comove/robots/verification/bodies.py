@@ -40,7 +40,7 @@ from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
-from comove.robots.verification.kinematics import Bases, common_joints, moved_by
+from comove.robots.verification.kinematics import Bases, common_joints, moved_by, supports_of
 from comove.robots.verification.slabs import CYLINDER, ELLIPSOID, OTHER, POINTS, Pairs, Solid, Solids
 
 COAL_ERROR = 1e-4  # m, taken from every distance for errors of coal and of GJK
@@ -507,7 +507,7 @@ def _some_point(shape: Any) -> Array:
 def beyond_wrists(robot: Robot, arms: Iterable[Arm]) -> set[int]:
     """Return the joints that move links of end effectors: each arm's last one, and those beyond it."""
     lasts = {robot.grasp_frame(arm)[0] for arm in arms}
-    return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
+    return {joint for joint, above in enumerate(supports_of(robot)) if lasts & above}
 
 
 def _hull_of(item: Any) -> tuple[Any | None, bool]:

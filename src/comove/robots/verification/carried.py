@@ -23,25 +23,24 @@ The grid is that of the samples, made finer where this is not tight enough.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 from typing import Any, NamedTuple, Protocol
 
 import coal
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PPoly
 
 from comove.arrays import Array, Integers
+from comove.compiled import kernel
 from comove.dmp.system import N_INTERVALS
-from comove.geometry.rotations import cross
 from comove.geometry.solids import N_CORNERS
 from comove.model.coordinates import load_coordinates
 from comove.model.grasp import keypoints_of
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import Ranges, fastest, subdivided
+from comove.robots.motion import JointCurve, Ranges, subdivided
 from comove.robots.verification.kinematics import joint_motions, on_joints, reaches_of
 from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
@@ -233,18 +232,58 @@ def placements(nodes: Array, spanned: tuple[int, ...]) -> tuple[Array, Array]:
     -------
     array, shape (n_steps, 3, 3), rotations, and array, shape (n_steps, 3), centres [m]
     """
-    ends = nodes[:, spanned[0]], nodes[:, spanned[-1]]
-    if len(spanned) == 2:  # any frame whose z axis is along the rod
-        z = _unit(ends[1] - ends[0])
-        x = _unit(cross(z, np.eye(3)[np.abs(z).round(9).argmin(axis=1)]))
-    else:
-        x = _unit(nodes[:, spanned[1]] - ends[0])
-        z = _unit(cross(x, nodes[:, spanned[2]] - ends[0]))
-    return np.stack([x, cross(z, x), z], axis=2), 0.5 * (ends[0] + ends[1])
+    second, third = spanned[1:3] if len(spanned) > 2 else (-1, -1)
+    return _placements(np.ascontiguousarray(nodes), spanned[0], second, third, spanned[-1])
 
 
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+@kernel
+def _placements(nodes: Array, first: int, second: int, third: int, last: int) -> tuple[Array, Array]:
+    """Return what `placements` does; of a rod, `second` is negative, and its z axis is along it."""
+    turns, middles = np.empty((nodes.shape[0], 3, 3)), np.empty((nodes.shape[0], 3))
+    x, z, aside = np.empty(3), np.empty(3), np.empty(3)
+    for t in range(nodes.shape[0]):
+        if second < 0:
+            _direction(nodes[t], first, last, z)
+            least = 0  # the axis that is least along the rod; rounding does not decide
+            for axis in range(1, 3):
+                if abs(z[axis]) < abs(z[least]) - 1e-9:
+                    least = axis
+            for axis in range(3):
+                aside[axis] = 1.0 if axis == least else 0.0
+            _normal(z, aside, x)
+        else:
+            _direction(nodes[t], first, second, x)
+            _direction(nodes[t], first, third, aside)
+            _normal(x, aside, z)
+        for axis in range(3):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            turns[t, axis, 0], turns[t, axis, 2] = x[axis], z[axis]
+            turns[t, axis, 1] = z[i] * x[j] - z[j] * x[i]
+            middles[t, axis] = 0.5 * (nodes[t, first, axis] + nodes[t, last, axis])
+    return turns, middles
+
+
+@kernel
+def _direction(points: Array, a: int, b: int, unit: Array) -> None:
+    """Write the unit vector from a point to another."""
+    for axis in range(3):
+        unit[axis] = points[b, axis] - points[a, axis]
+    size = np.sqrt(unit[0] ** 2 + unit[1] ** 2 + unit[2] ** 2)
+    for axis in range(3):
+        unit[axis] /= size
+
+
+@kernel
+def _normal(a: Array, b: Array, unit: Array) -> None:
+    """Write the unit vector along a x b."""
+    unit[0], unit[1], unit[2] = (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+    size = np.sqrt(unit[0] ** 2 + unit[1] ** 2 + unit[2] ** 2)
+    for axis in range(3):
+        unit[axis] /= size
 
 
 def leverage(carried: Carried) -> float:
@@ -291,7 +330,7 @@ def holding_errors(
     robot: Robot,
     arms: tuple[Arm, ...],
     carried: Carried,
-    curve: PPoly,
+    curve: JointCurve,
     *,
     tight: float = 3e-6,
     finest: int = 100,
@@ -308,7 +347,7 @@ def holding_errors(
     jerk, turn_jerk = _third_derivatives(robot, arms, carried, curve)
     time, pieces = _grid(curve.x, np.maximum(jerk, turn_jerk).max(axis=1), tight, finest)
     jerk, turn_jerk = jerk[pieces], turn_jerk[pieces]
-    places, rotations, velocities, spins = _grasp_frames(robot, arms, curve(time), curve(time, 1))
+    places, rotations, velocities, spins = _grasp_frames(robot, arms, *curve.orders(time, 1))
     held = carried.hands(time)
     error, drift = places - held.positions, velocities - held.velocities
     turn, turning = np.zeros(error.shape[:2]), np.zeros_like(error)
@@ -347,14 +386,12 @@ def _between(error: Array, rate: Array, jerk: Array, half: Array) -> Array:
 
 
 def _third_derivatives(
-    robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve: PPoly
+    robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve: JointCurve
 ) -> tuple[Array, Array]:
     """Bound |e'''| and the third derivative of the angle error between samples; arrays, shape (n_intervals,
     n_hands).
     """
-    rate, _ = fastest(curve)
-    bend = np.abs(curve(curve.x, 2))
-    bend, jerk = np.maximum(bend[1:], bend[:-1]), 6 * np.abs(curve.c[0])
+    rate, bend, jerk = curve.fastest[0], curve.bends_between, 6 * np.abs(curve.c[0])
     reaches = reaches_of(robot)
     of_all, of_turning = np.empty((2, len(rate), len(arms)))
     for i, arm in enumerate(arms):
@@ -381,13 +418,15 @@ def _grasp_frames(
     robot: Robot, arms: tuple[Arm, ...], positions: Array, rates: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Compute the grasp frames' positions, orientations, velocities and spins in the scene."""
+    return on_joints(joint_motions(robot, positions, rates), *_grasps(robot, arms))
+
+
+@lru_cache(maxsize=8)
+def _grasps(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Integers, Array, Array]:
+    """Return the joints that carry the grasps, and their placements there [m]."""
     joints, grasps = zip(*map(robot.grasp_frame, arms), strict=True)
-    return on_joints(
-        joint_motions(robot, positions, rates),
-        np.array(joints, dtype=np.int64),
-        np.array([grasp.rotation for grasp in grasps]),
-        np.array([grasp.translation for grasp in grasps]),
-    )
+    turns, shifts = ([getattr(grasp, name) for grasp in grasps] for name in ("rotation", "translation"))
+    return np.array(joints, dtype=np.int64), np.array(turns), np.array(shifts)
 
 
 def _sizes(vectors: Array) -> Array:

@@ -37,11 +37,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import PPoly
 
 from comove.arrays import Array, Integers
 from comove.errors import OptionError
-from comove.robots.motion import Ranges, fastest
+from comove.robots.motion import JointCurve, Ranges
 from comove.robots.verification.bodies import Bodies, depth_of, distance_of
 from comove.robots.verification.carried import LoadMotion
 from comove.robots.verification.kinematics import joint_placements
@@ -123,13 +122,12 @@ class CarryCourse:
 
     bodies: Bodies
     load: LoadMotion
-    curve: PPoly
+    curve: JointCurve
 
     @cached_property
     def bounds(self) -> Ranges:
         """Return the joints' largest rates, then second derivatives [rad/s, rad/s^2]."""
-        bend = np.abs(self.curve(self.curve.x, 2))
-        return Ranges(self.curve.x, np.hstack([fastest(self.curve)[0], np.maximum(bend[1:], bend[:-1])]))
+        return Ranges(self.curve.x, np.hstack([self.curve.fastest[0], self.curve.bends_between]))
 
     def frames(self, time: Array) -> tuple[Array, Array]:
         """Compute the placements of all frames.
@@ -142,16 +140,20 @@ class CarryCourse:
 
     def intervals(self, number: Integers, parts: int) -> tuple[Intervals, Array]:
         """Return intervals by `number`, (n_intervals,), with ends and middles, (n_instants,) [s]."""
-        last, knots = float(self.curve.x[-1]), 2 * number[:, None] + np.arange(3)
-        knots, knot = np.unique(knots, return_inverse=True)
-        time = last * knots / (2 * parts)
-        begin, end = time[knot.reshape(-1, 3)[:, [0, 2]]].T
-        rates, bends = np.split(self.bounds.over(begin, end), 2, axis=1)
-        load = self.load.bounds.over(begin, end)
+        last, begins = (
+            float(self.curve.x[-1]),
+            np.diff(number, prepend=-2) > 1,
+        )  # the others begin where one ends
+        knot = (2 * np.arange(len(number)) + np.cumsum(begins) - 1)[:, None] + np.arange(3)
+        time = np.empty(2 * len(number) + int(begins.sum()))
+        time[knot] = last * (2 * number[:, None] + np.arange(3)) / (2 * parts)
+        begin, end = time[knot[:, 0]], time[knot[:, 2]]
+        joints, load = self.bounds.over(begin, end), self.load.bounds.over(begin, end)
+        rates, bends = joints[:, : self.curve.c.shape[2]], joints[:, self.curve.c.shape[2] :]
         by_obstacles = self.bodies.moving.speed.over(begin, end)
         return (
             Intervals(
-                knot.reshape(-1, 3),
+                knot,
                 *self.frames(time),
                 np.hstack([rates, load[:, :1], by_obstacles]),
                 np.hstack([bends, load[:, 1:]]),
@@ -217,7 +219,7 @@ class PairCells(NamedTuple):
 def certify(
     bodies: Bodies,
     carried: LoadMotion,
-    curve: PPoly,
+    curve: JointCurve,
     slack: float = 0.0,
     settings: JointCertificateSettings = JointCertificateSettings(),
 ) -> list[LinkClearance]:
@@ -343,6 +345,8 @@ class Level:
             bodies.solids, bodies.pairs, self.at, self.row, pair, self.cells.normal, need, state, bound
         )
         left = np.flatnonzero(state == MEASURE)
+        if not len(left):
+            return bound, int((state != OPEN).sum())
         left = left[np.argsort(bound[left], kind="stable")]
         row, exact = self.row[left], bodies.exact[pair[left]]
         change = changes(bodies.pairs, self.at, row, exact)
@@ -367,7 +371,7 @@ def _placed(bodies: Bodies, pair: int, turns: Array, places: Array) -> tuple[lis
     return shapes, placed
 
 
-def overlap(bodies: Bodies, load: LoadMotion, curve: PPoly, found: LinkClearance) -> tuple[float, bool]:
+def overlap(bodies: Bodies, load: LoadMotion, curve: JointCurve, found: LinkClearance) -> tuple[float, bool]:
     """Compute the penetration depth of a pair at contact. See `depth_of`.
 
     Parameters

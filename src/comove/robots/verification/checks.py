@@ -8,7 +8,6 @@ from typing import NamedTuple
 import coal
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import PPoly
 
 from comove.arrays import Array, first_largest
 from comove.errors import RobotError
@@ -18,6 +17,7 @@ from comove.robots.effort import largest_torque, overburdened, payloads, still_t
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
+    JointCurve,
     JointMotion,
     largest_acceleration,
     largest_approach,
@@ -28,7 +28,7 @@ from comove.robots.motion import (
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, bodies_of, distance_of, links_inside
 from comove.robots.verification.carried import Carried, Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
-from comove.robots.verification.kinematics import Bases, joint_axes, moved_by
+from comove.robots.verification.kinematics import Bases, moved_by, reaches_of
 from comove.verification.verify import VerifiedMotion
 
 SAMPLE_ERROR = 1e-6  # m and rad, of a hand at samples
@@ -118,7 +118,7 @@ def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
     return []
 
 
-def rest(robot: Robot, curve: PPoly) -> JointFinding:
+def rest(robot: Robot, curve: JointCurve) -> JointFinding:
     """Check that the robot begins and ends at rest."""
     speed = np.abs(curve(curve.x[[0, -1]], 1)).max(axis=0)
     name = robot.joint_names[first_largest(speed)]
@@ -126,7 +126,7 @@ def rest(robot: Robot, curve: PPoly) -> JointFinding:
     return JointFinding({}, {}, [] if speed.max() <= ROUNDING else [moving])
 
 
-def limits(robot: Robot, curve: PPoly) -> JointFinding:
+def limits(robot: Robot, curve: JointCurve) -> JointFinding:
     """Check the limits of position, velocity, acceleration and jerk, soft ones included."""
     margin = least_margin(curve, robot.lower, robot.upper)
     units, reasons = _units(robot), []
@@ -163,7 +163,7 @@ def limits(robot: Robot, curve: PPoly) -> JointFinding:
     return _found(robot, measured, reasons)
 
 
-def _too_fast_for_soft_limits(robot: Robot, curve: PPoly, worst: Extreme, unit: str) -> str:
+def _too_fast_for_soft_limits(robot: Robot, curve: JointCurve, worst: Extreme, unit: str) -> str:
     j = worst.joint
     position, velocity = (float(curve(worst.time, order)[j]) for order in (0, 1))
     limit = robot.upper[j] if velocity > 0 else robot.lower[j]
@@ -177,7 +177,7 @@ def _too_fast_for_soft_limits(robot: Robot, curve: PPoly, worst: Extreme, unit: 
     return f"{told}; take {worst.value:.3g} times as long, or keep it away from that limit"
 
 
-def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) -> JointFinding:
+def torques(robot: Robot, curve: JointCurve, arms: tuple[Arm, ...], masses: Array) -> JointFinding:
     """Check that the motors are strong enough."""
     worst = largest_torque(robot, arms, masses, curve)
     reasons, j = [], worst.joint
@@ -224,8 +224,7 @@ def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> Jo
 
 
 def _units(robot: Robot) -> list[str]:
-    _, slides = joint_axes(robot.model)
-    return ["m" if slide else "rad" for slide in slides]
+    return ["m" if slide else "rad" for slide in reaches_of(robot).slides]
 
 
 def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
@@ -271,7 +270,7 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
     return JointFinding({"hand_uncertainty": off}, {}, reasons)
 
 
-def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> JointFinding:
+def clearances(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: float = 0.0) -> JointFinding:
     """Check that links, payload and obstacles keep clear of each other; `slack` as in `certify`."""
     finding = JointFinding({}, {}, [])
     finding.reasons.extend(links_inside(bodies, curve(curve.x[0])))
@@ -298,7 +297,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
     return finding
 
 
-def _how_near(bodies: Bodies, carried: LoadMotion, curve: PPoly, found: LinkClearance) -> str:
+def _how_near(bodies: Bodies, carried: LoadMotion, curve: JointCurve, found: LinkClearance) -> str:
     """Return the distance or contact of two bodies, in words. For meshes, coal computes no depth."""
     distance = found.upper + float(bodies.taken[found.pair])
     if found.upper > 0.0:

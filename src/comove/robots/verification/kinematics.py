@@ -141,8 +141,10 @@ class Bases:
         base : array, shape (n,), numbers of bases
         root : array, shape (n, 3)
         """
-        origin = np.array([model.base.position for model in self.robot.description.models])[base]
         turn = np.deg2rad(self.uncertainty.rotation_deg)
+        if turn == 0.0 == self.uncertainty.position:
+            return np.zeros(len(base))
+        origin = np.array([model.base.position for model in self.robot.description.models])[base]
         return np.asarray(
             self.uncertainty.position + turn * (np.linalg.norm(root - origin, axis=-1) + length)
         )
@@ -222,12 +224,22 @@ def moved_by(robot: Robot) -> NDArray[np.bool_]:
 
 def common_joints(robot: Robot, first: Integers, second: Integers) -> Integers:
     """Return the last joints that move bodies of both joints, 0 without; arrays, shape (n,)."""
-    moves, supports = moved_by(robot), robot.model.supports
+    moves = moved_by(robot)
+    return _chains(robot)[first, (moves[first] & moves[second]).sum(axis=1)]
+
+
+@lru_cache(maxsize=8)
+def _chains(robot: Robot) -> Integers:
+    """Return the chain of joints above each, then zeros; array, shape (n_joints + 1, depth)."""
+    supports = [list(joints) for joints in robot.model.supports]
     depth = max(map(len, supports))
-    above = np.array(
-        [[*joints, *([0] * (depth - len(joints)))] for joints in map(list, supports)], dtype=np.int64
-    )
-    return above[first, (moves[first] & moves[second]).sum(axis=1)]
+    return np.array([[*joints, *([0] * (depth - len(joints)))] for joints in supports], dtype=np.int64)
+
+
+@lru_cache(maxsize=8)
+def supports_of(robot: Robot) -> tuple[frozenset[int], ...]:
+    """Return the joints that move what is on each joint; none for the universe."""
+    return tuple(frozenset(joints) - {0} for joints in map(list, robot.model.supports))
 
 
 def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
