@@ -1,7 +1,7 @@
 """Plans of the next path, computed while the last one is smoothed.
 
-Plans depend on what was known when they were begun, never on when they end: each set has a generator of random
-numbers, a clock and a share of the work of its own. A search without another core computes the same plans when they are needed.
+Plans depend on what was known when they were begun, never on when they end: each set has its own generator of random
+numbers, clock, and share of the work. A search without another core computes them when they are needed.
 """
 
 from __future__ import annotations
