@@ -36,10 +36,16 @@ class Link:
     folder : folder to which paths in drafts are relative
     answered : function that is called with this link and every answer, from a thread of its own; with
         `{"kind": "ended"}` at last
+
+    Attributes
+    ----------
+    asked, answered, solved : numbers of the newest draft that was sent, of the newest that was answered, and of the
+        newest with a final answer; -1 before
     """
 
     def __init__(self, folder: Path, answered: Answered):
         self.folder, self._answered = folder, answered
+        self.asked = self.answered = self.solved = -1
         self._numbers = itertools.count()
         self._mailbox = Mailbox()
         self._process, self._connection = start_process(
@@ -56,8 +62,8 @@ class Link:
 
     def submit(
         self, draft: Draft, times: SearchTimes, *, dragging: bool = False, item: Item | None = None
-    ) -> int:
-        """Send a draft, which replaces the one before; return the number by which answers name it.
+    ) -> None:
+        """Send a draft, which replaces the one before; answers name it by the number `asked`.
 
         Parameters
         ----------
@@ -66,13 +72,13 @@ class Link:
         """
         if item is not None:
             item = item.absolute()
-        return self._put(
+        self.asked = self._put(
             "draft", folder=self.folder.absolute(), draft=draft, times=times, dragging=dragging, item=item
         )
 
-    def run(self, draft: Draft) -> int:
-        """Ask for a draft to be executed step by step; return the number by which answers name it."""
-        return self._put("run", folder=self.folder.absolute(), draft=draft)
+    def run(self, draft: Draft) -> None:
+        """Ask for a draft to be executed step by step; answers name it by the number `asked`."""
+        self.asked = self._put("run", folder=self.folder.absolute(), draft=draft)
 
     def lead(self, obstacle: int, place: Sequence[float]) -> None:
         """Tell the run where an obstacle is led [m]."""
@@ -82,9 +88,9 @@ class Link:
         """End the run where it is."""
         self._put("halt")
 
-    def drop(self) -> int:
+    def drop(self) -> None:
         """Take a number that no answer will have, as what is shown is no scene; answers to earlier drafts are old."""
-        return next(self._numbers)
+        self.asked = next(self._numbers)
 
     def save(self, of: int, target: Path, seed: int = 0) -> int:
         """Ask for the result of a draft to be written into a folder; return the number of the answer."""
