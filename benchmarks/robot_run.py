@@ -29,6 +29,7 @@ from comove.model import Scene
 from comove.planning import SceneKind
 from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
+from comove.robots.online.course_finder import CourseFinder
 from comove.robots.online.courses import Places
 from comove.robots.online.executor import JointExecutor
 from comove.robots.online.pilot import Pilot
@@ -93,16 +94,19 @@ def witness(executor: JointExecutor, seed: int) -> MotionReference | None:
     """Return a motion from the start clear of all obstacles, or None. Its planner knows their future: it is the best
     candidate of a roadmap that is three times as dense as the executor's, over the whole time with near obstacles,
     replanned 50 times a second."""
-    pilot, scene = executor.pilot, executor.scene
-    courses = pilot.settings.courses
-    settings = replace(
-        pilot.settings,
-        roadmap=replace(pilot.settings.roadmap, n_nodes=3 * pilot.settings.roadmap.n_nodes),
+    finder, scene = executor.replanner.finder, executor.scene
+    roadmap, courses = finder.settings.roadmap, finder.settings.courses
+    denser = replace(
+        finder.settings,
+        roadmap=replace(roadmap, n_nodes=3 * roadmap.n_nodes),
         courses=replace(courses, n_slots=250, costs=courses.costs._replace(met=0.01 - scene.clearance)),
     )
-    plan = MotionReference.of_plan(executor.plan, executor.columns)
+    settings = replace(executor.replanner.settings, finder=denser)
+    plan, arms = MotionReference.of_plan(executor.plan, executor.columns), finder.ground.arms
+    needs = finder.ground.needs
     all_knowing = Pilot(
-        pilot.standing, pilot.arms, pilot.coordinates, plan, pilot.ground.needs, seed=seed, settings=settings
+        CourseFinder(finder.standing, arms, finder.coordinates, plan, needs, seed=seed, settings=denser),
+        settings,
     )
     moves = scene.moving[scene.owners]
     seen = Sighting(*(array[moves] for array in executor.observer.observe(0.0)))
@@ -113,10 +117,10 @@ def witness(executor: JointExecutor, seed: int) -> MotionReference | None:
     found = all_knowing.reference
     times = np.arange(0.0, LONGEST, 0.02)
     configurations, joints, rates = found.at(times)
-    nodes = pilot.coordinates.nodes(configurations.T[None])[0]
+    nodes = finder.coordinates.nodes(configurations.T[None])[0]
     speed = np.linalg.norm(np.diff(nodes[:, : len(scene.manipulators)], axis=0), axis=2).max() / 0.02
-    fits = speed <= scene.speed_limit and (np.abs(rates) <= pilot.arms.chains.velocity).all()
-    bodies = pilot.foresight.placed(Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints)))
+    fits = speed <= scene.speed_limit and (np.abs(rates) <= arms.chains.velocity).all()
+    bodies = finder.foresight.placed(Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints)))
     return found if fits and nearest(bodies, seen, times) >= KEPT else None
 
 

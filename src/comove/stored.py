@@ -223,11 +223,9 @@ def parts_of(folder: Path) -> tuple[ResultPart, ...]:
         if (folder / part.file).is_file() or (part in ARRAYS and (folder / ARRAYS[part]).is_file())
     )
     if not found:
-        raise ResultError(
-            f"it holds no {ResultPart.MOTION.file} and no {ResultPart.RUN.file}",
-            file=folder,
-            way_out="name a folder of comove solve or comove run",
-        )
+        from comove.io.kinds import no_result_in
+
+        raise no_result_in(folder, f"{ResultPart.MOTION.file} and no {ResultPart.RUN.file}")
     return found
 
 
@@ -459,8 +457,9 @@ def verify_folder(
     ExtraError
         If a part needs a missing package.
     """
+    parts = parts_of(Path(folder))
     stored = _Folder(Path(folder), scene, robot)
-    return tuple(stored.verify(part) for part in parts_of(Path(folder)))
+    return tuple(stored.verify(part) for part in parts)
 
 
 def verify_part(

@@ -141,14 +141,14 @@ class Trusted:
     def verified(self, folder: Path) -> VerifiedJointMotion:
         """Verify and return the joint motion in a folder; print its references."""
         from comove.cli.texts import say
+        from comove.io.folders import require_folder
         from comove.model import Scene
         from comove.stored import ResultPart, parts_of
 
-        if ResultPart.JOINTS not in parts_of(folder):
+        solved = "comove solve SCENE --robot NAME --out DIR"
+        if ResultPart.JOINTS not in parts_of(require_folder(folder, solved)):
             raise ResultError(
-                "no robot's joints move in it",
-                file=folder,
-                way_out="solve its scene with a robot: comove solve SCENE --robot NAME --out DIR",
+                "no robot's joints move in it", file=folder, way_out=f"solve its scene with a robot: {solved}"
             )
         from comove.robots.files import verified_against
 

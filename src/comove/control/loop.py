@@ -12,7 +12,7 @@ import time as clock
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -134,6 +134,23 @@ class Replanner(ABC):
         """Advance by a control period, at a share of the reference's speed."""
 
 
+class LoopSettings(Protocol):
+    """The settings that every control loop needs.
+
+    Attributes
+    ----------
+    catch_up : time constant of the return to the reference [s]
+    at_goal, at_rest : distance and speed of the end effectors at which an execution ends [m, m/s]
+    """
+
+    @property
+    def catch_up(self) -> float: ...
+    @property
+    def at_goal(self) -> float: ...
+    @property
+    def at_rest(self) -> float: ...
+
+
 class ControlLoop:
     """The base of executors: one control step after the other.
 
@@ -142,21 +159,14 @@ class ControlLoop:
     scene : the scene to be executed
     observer : observer of its obstacles
     period : control period [s]
-
-    Attributes
-    ----------
-    catch_up : time constant of the return to the reference [s]
-    at_goal, at_rest : distance and speed of the end effectors at which an execution ends [m, m/s]
+    settings : when it has arrived, and how it returns to the reference
     """
 
     replanner: Replanner
     filter: SafetyFilter
-    catch_up: float
-    at_goal: float
-    at_rest: float
 
-    def __init__(self, scene: Scene, observer: Observer, period: float):
-        self.scene, self.observer, self.period = scene, observer, period
+    def __init__(self, scene: Scene, observer: Observer, period: float, settings: LoopSettings):
+        self.scene, self.observer, self.period, self.settings = scene, observer, period, settings
         self.log, self.n_steps, self.goal = ExecutionLog(), 0, poses_of(scene, "goal")
         self._interruption = Interruption()
         self._stop_at(poses_of(scene, "start"))
@@ -174,8 +184,8 @@ class ControlLoop:
     @property
     def arrived(self) -> bool:
         """Return whether the payload is at its goal, at rest."""
-        at_rest = np.linalg.norm(self._before, axis=1).max() <= self.at_rest
-        return bool(at_rest and self.distance_from(self.goal) <= self.at_goal)
+        at_rest = np.linalg.norm(self._before, axis=1).max() <= self.settings.at_rest
+        return bool(at_rest and self.distance_from(self.goal) <= self.settings.at_goal)
 
     @property
     def joints(self) -> Array:
@@ -290,7 +300,7 @@ class ControlLoop:
             return
         pace = self._pace(reference, lag)
         twists = pace * twists_between(self.scene, reference.here, reference.ahead, self.period)
-        twists = twists + twists_between(self.scene, self.poses, reference.here, self.catch_up)
+        twists = twists + twists_between(self.scene, self.poses, reference.here, self.settings.catch_up)
         wanted, joints = hand_velocities(self.scene, self.poses, twists), self._joint_state(reference, pace)
         seen = self.observer.observe(self.time)
         allowed = self.filter.allowed(self.poses, self._before, wanted, seen, joints)

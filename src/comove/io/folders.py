@@ -115,12 +115,14 @@ def require_folder(folder: str | Path, made_by: str) -> Path:
     Raises
     ------
     ResultError
-        If there is none; the message names the command that makes it.
+        If there is none; the message says what it is, and names the command that makes one.
     """
     folder = Path(folder)
     with telling(folder, error=ResultError):
         if not folder.is_dir() and not drafts.finish(_resolved(folder, ResultError)):
-            raise ResultError("there is no such folder", file=folder, way_out=f"make it by: {made_by}")
+            from comove.io.kinds import no_result_folder
+
+            raise no_result_folder(folder, made_by)
     return folder
 
 

@@ -174,9 +174,46 @@ class CCMAES:
         for name in ("shrinkage", "followed"):
             check_number(name, getattr(self, name), 0.0, 1.0)
 
+    def shape(self, start: Start) -> ReducibleCovariance:
+        """Return the distribution's shape at the beginning of a run."""
+        n, first = len(start.x), start.covariance
+        return self.form(n) if first is None else self.form(n, first)
+
     def start(self, start: Start) -> CCMAESRun:
         """Return a new run of the method."""
         return CCMAESRun(self, start)
+
+
+@dataclass(eq=False)
+class Drawn:
+    """The samples of a generation, of which infeasible ones are drawn again.
+
+    Attributes
+    ----------
+    x : array, shape (population, n)
+    constraints : their values; array, shape (population, m)
+    open : numbers of the samples that are infeasible, or not evaluated yet
+    violation : distances of these outside bands, boundaries and bounds; array, shape (n_open,)
+    passes : how often they were evaluated
+    before : the distribution's shape and the records before the generation
+    """
+
+    x: Array
+    constraints: Array
+    open: NDArray[np.intp]
+    violation: Array
+    passes: int
+    before: tuple[ReducibleCovariance, Array]
+
+    @classmethod
+    def of(cls, x: Array, m: int, before: tuple[ReducibleCovariance, Array]) -> Drawn:
+        """Return unevaluated samples; array, shape (population, n)."""
+        return cls(x, np.full((len(x), m), np.nan), np.arange(len(x)), np.zeros(len(x)), 0, before)
+
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """Return the numbers of the feasible samples."""
+        return np.setdiff1d(np.arange(len(self.x)), self.open)
 
 
 class CCMAESRun(OptimiserRun):
@@ -191,8 +228,8 @@ class CCMAESRun(OptimiserRun):
     def __init__(self, settings: CCMAES, start: Start) -> None:
         n = len(start.x)
         parameters = Parameters.default(n, start.population)
-        self.settings, self._start = settings, start
-        super().__init__(start, parameters, self._first_form(), settings.patience)
+        super().__init__(start, parameters, settings.shape(start), settings.patience)
+        self.settings = settings
         self.bands: Array | None = None
         self.boundaries: Array | None = None
         # Of every constraint and, where there are bounds, of every variable's.
@@ -204,52 +241,50 @@ class CCMAESRun(OptimiserRun):
     def _form(self) -> ReducibleCovariance:
         return cast(ReducibleCovariance, self._es.covariance)
 
-    def _first_form(self) -> ReducibleCovariance:
-        """Return the distribution's shape at the beginning."""
-        n, first = len(self._start.x), self._start.covariance
-        return self.settings.form(n) if first is None else self.settings.form(n, first)
+    @property
+    def _viable(self) -> bool:
+        """Return whether all boundaries have come to zero."""
+        return self.boundaries is not None and not self.boundaries.any()
 
     # --- Samples ---
 
     def _sample(self) -> None:
-        self._x = self._es.ask()
-        self._before = copy.deepcopy((self._form, self._records))
-        self._values = np.full((len(self._x), len(self._start.equality)), np.nan)
-        self._open = np.arange(len(self._x))
-        self._pass = 0
+        before = copy.deepcopy((self._form, self._records))
+        self._drawn = Drawn.of(self._es.ask(), len(self._start.equality), before)
         self._ask_open()
 
     def _ask_open(self) -> None:
-        points = self._start.inside(self._x[self._open])
+        points = self._start.inside(self._drawn.x[self._drawn.open])
         self._wait(Request(points, constraints=True), self._constraints_told)
 
     def _constraints_told(self, _: Array | None, constraints: Array) -> None:
-        start = self._start
+        start, drawn = self._start, self._drawn
         if self.bands is None:
             self._begin_bands(constraints)
-        self._values[self._open] = constraints
+        drawn.constraints[drawn.open] = constraints
         missed = self._missed(constraints)
         if start.bounded:  # bounds are constraints that cost nothing
-            x = self._x[self._open]
+            x = drawn.x[drawn.open]
             missed = np.column_stack([missed, (x > start.upper) | (x < start.lower)])
         violated = missed > 0
         bad = violated.any(axis=1)
-        if self._pass == 0:
+        if drawn.passes == 0:
             with np.errstate(invalid="ignore"):  # infinite values have no spread
                 low, middle, high = np.quantile(np.abs(constraints), [0.25, 0.5, 0.75], axis=0)
                 self._inner = middle - self.settings.followed * (high - low)
         if bad.any():
             try:
-                self._learn(self._open[bad], violated[bad])
+                self._learn(drawn.open[bad], violated[bad])
             except np.linalg.LinAlgError:
                 self.reason = Reason.NOT_POSITIVE_DEFINITE
                 return
-        self._open = self._open[bad]
-        self._pass += 1
-        self._violation = np.where(np.isfinite(missed[bad]), np.maximum(missed[bad], 0.0), np.inf).sum(axis=1)
-        if len(self._open) and self._pass <= self.settings.passes:
+        drawn.open = drawn.open[bad]
+        drawn.passes += 1
+        finite = np.where(np.isfinite(missed[bad]), np.maximum(missed[bad], 0.0), np.inf)
+        drawn.violation = finite.sum(axis=1)
+        if len(drawn.open) and drawn.passes <= self.settings.passes:
             self._resample()
-        elif len(self._open) < len(self._x):
+        elif len(drawn.open) < len(drawn.x):
             self._stalled = 0
             self._evaluate()
         else:
@@ -261,19 +296,19 @@ class CCMAESRun(OptimiserRun):
         if self._stalled >= self.settings.stalls:
             self.reason = Reason.STALLED
             return
-        self._es.covariance, self._records = self._before
+        self._es.covariance, self._records = self._drawn.before
         assert self.bands is not None
         self.bands = self.bands / self.settings.shrinkage**2
-        self._es.tell(self._violation)
+        self._es.tell(self._drawn.violation)
         self._next()
 
     def _resample(self) -> None:
         """Draw the infeasible samples again, from the shortened distribution."""
-        es = self._es
-        z = es.rng.standard_normal((len(self._open), len(es.mean)))
-        es.z[self._open] = z
-        es.y[self._open] = es.covariance.scaled(z)
-        self._x[self._open] = es.mean + es.sigma * es.y[self._open]
+        es, which = self._es, self._drawn.open
+        z = es.rng.standard_normal((len(which), len(es.mean)))
+        es.z[which] = z
+        es.y[which] = es.covariance.scaled(z)
+        self._drawn.x[which] = es.mean + es.sigma * es.y[which]
         self._ask_open()
 
     def _begin_bands(self, constraints: Array) -> None:
@@ -284,7 +319,6 @@ class CCMAESRun(OptimiserRun):
         self.boundaries = np.where(equality, 0.0, np.maximum(np.median(finite, axis=0), 0.0))
         self.bands[~np.isfinite(self.bands)] = np.finfo(float).max
         self.boundaries[~np.isfinite(self.boundaries)] = np.finfo(float).max
-        self._viable = not self.boundaries.any()
 
     def _missed(self, constraints: Array) -> Array:
         """Return the distances outside bands and boundaries, infinite for NaN; array, shape (n_points, m)."""
@@ -312,25 +346,26 @@ class CCMAESRun(OptimiserRun):
     # --- Values ---
 
     def _evaluate(self) -> None:
-        points = self._start.inside(self._x)
+        drawn = self._drawn
         if self._viable:
-            self._kept = np.setdiff1d(np.arange(len(points)), self._open)
-            request = Request(points[self._kept], objective=True, known=self._values[self._kept])
+            points, kept = self._start.inside(drawn.x), drawn.kept
+            request = Request(points[kept], objective=True, known=drawn.constraints[kept])
             self._wait(request, self._objective_told)
         else:  # on the way to viability the violation is the objective
-            self._kept = np.arange(len(points))
-            signed = np.where(self._start.equality, 0.0, self._values)
-            self._objective_told(
-                np.where(np.isnan(signed), np.inf, np.maximum(signed, 0.0)).sum(axis=1), None
-            )
+            signed = np.where(self._start.equality, 0.0, drawn.constraints)
+            missed = np.where(np.isnan(signed), np.inf, np.maximum(signed, 0.0)).sum(axis=1)
+            self._rank(missed, np.zeros(len(missed)))
 
     def _objective_told(self, objective: Array, _: Array | None) -> None:
+        drawn = self._drawn
+        values, excess = np.full(len(drawn.x), np.inf), np.zeros(len(drawn.x))
+        values[drawn.kept] = np.where(np.isnan(objective), np.inf, objective)
+        excess[drawn.open] = drawn.violation
+        self._rank(values, excess)
+
+    def _rank(self, values: Array, excess: Array) -> None:
+        """Update by samples ranked by value, then by violation; arrays, shape (population,)."""
         es = self._es
-        values = np.full(len(self._x), np.inf)
-        values[self._kept] = np.where(np.isnan(objective), np.inf, objective)
-        excess = np.zeros(len(values))
-        if self._viable:
-            excess[self._open] = self._violation
         order = np.lexsort((excess, values))
         es.tell(np.argsort(order).astype(float))  # ranks
         self._shrink(order[: es.parameters.mu])
@@ -340,13 +375,14 @@ class CCMAESRun(OptimiserRun):
         """Move boundaries towards zero and bands towards the tolerance."""
         assert self.bands is not None and self.boundaries is not None
         if not self._viable:
-            signed = np.where(self._start.equality, 0.0, np.maximum(self._values[best], 0.0)).max(axis=0)
+            signed = np.where(self._start.equality, 0.0, np.maximum(self._drawn.constraints[best], 0.0)).max(
+                axis=0
+            )
             halfway = np.maximum(0.0, np.minimum(self.boundaries, (signed + self.boundaries) / 2))
             self.boundaries = np.where(halfway < 1e-9 * self.boundaries.max(), 0.0, halfway)
             if not np.nan_to_num(signed).any():
                 self.boundaries = np.zeros_like(self.boundaries)
-            if not self.boundaries.any():
-                self._viable = True
+            if self._viable:
                 self._begin_anew()
         else:
             narrower = np.fmax(self._inner, self.settings.shrinkage * self.bands)
@@ -355,8 +391,8 @@ class CCMAESRun(OptimiserRun):
 
     def _begin_anew(self) -> None:
         start, es = self._start, self._es
-        form = self._first_form()
-        self._es = CMAES(es.mean, start.sigma, start.rng, parameters=es.parameters, covariance=form)
+        shape = self.settings.shape(start)
+        self._es = CMAES(es.mean, start.sigma, start.rng, parameters=es.parameters, covariance=shape)
         self._records = np.zeros_like(self._records)
 
 

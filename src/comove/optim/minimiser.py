@@ -5,7 +5,6 @@ from __future__ import annotations
 import builtins
 import os
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array
-from comove.errors import ComoveWarning, OptionError
+from comove.errors import OptionError
 from comove.optim.augmented_lagrangian import AugmentedLagrangian
 from comove.optim.cmaes import check_start, check_whole, default_population, numbers
+from comove.optim.domain import Box, Prior, checked_covariance
+from comove.optim.evaluations import SIGN, Best, Evaluations
 from comove.optim.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
-from comove.optim.restarts import BIPOP, Ended, Restarts, Setting
+from comove.optim.restarts import BIPOP, Restarts, Runs, Setting
 from comove.optim.restoration import Restoration
 from comove.optim.simple import Plain, ProjectionRepair
 
-SIGN = "h <= 0 is feasible"
 GROWING = BIPOP(3.0, before=4, least=1)  # where a run of a Lagrangian fails, few samples help soon, or many
 SPREAD = 2.0  # step sizes around x0 in which restarts without bounds begin
 HUGE = 1e100  # finite values beyond are told to methods as this: products of them would overflow
@@ -137,7 +137,7 @@ def minimise(
     if not vectorized:
         objective = partial(others.one_by_one, f, map)
         h = partial(others.one_by_one, constraints, map) if constraints else h
-    at_start = _row(h, np.clip(x0, *_checked_bounds(bounds, len(x0))))
+    at_start = _row(h, Box.checked(bounds, len(x0)).nearest(x0))
     search = Minimiser(
         x0,
         sigma0,
@@ -243,16 +243,16 @@ class Minimiser:
         covariance: object = None,
         seed: int = 0,
     ):
-        self._x0, self._sigma0 = check_start(x0, sigma0)
-        n = len(self._x0)
-        self._lower, self._upper = _checked_bounds(bounds, n)
-        self._free = _free(self._lower, self._upper, method)
-        self._covariance, self._shaped = _checked_covariance(covariance, n), covariance is not None
-        _tell_outside(self._x0, self._lower, self._upper)
+        mean, sigma = check_start(x0, sigma0)
+        self._box = _checked_box(bounds, len(mean), method)
+        shape = None if covariance is None else checked_covariance(covariance, len(mean))
+        self._prior = Prior(mean, sigma, shape)
+        self._box.warn_outside(mean)
         check_whole("n_constraints", n_constraints, 0)
         self._equality = _checked_mask(equality, n_constraints)
         if not 0 <= tolerance < np.inf:
             raise OptionError(f"tolerance = {tolerance!r}", way_out="give a number, 0 or more")
+        self._tolerance = float(tolerance)
         check_whole("seed", seed, 0)
         if population is not None:
             check_whole("population", population, 2)
@@ -261,28 +261,31 @@ class Minimiser:
                 raise OptionError(
                     f"{part!r} is none", key=key, way_out="give an object, such as CCMAES() or BIPOP()"
                 )
-        self._tolerance, self._seed = float(tolerance), int(seed)
         self._method = method or (AugmentedLagrangian() if n_constraints else Plain())
-        lagrangian = isinstance(self._method, AugmentedLagrangian)
-        self._restarts = restarts or (GROWING if lagrangian else BIPOP())
-        self._choices = np.random.default_rng([self._seed, 0])
-        self.n_objective = self.n_constraint = 0
+        rule = restarts or (GROWING if isinstance(self._method, AugmentedLagrangian) else BIPOP())
+        self._runs = Runs(rule, int(seed), Setting(population))
+        self._evaluations = Evaluations(Best(mean))
         self.reason: Reason | None = None
-        self._best_x, self._best_fun, self._least_violation = self._x0, np.nan, np.inf
-        self._history: list[tuple[float, ...]] = []
-        self._finite_objective = self._finite_constraints = False
-        self._ended: list[Ended] = []
-        self._failures = 0
         self._asked = False
-        self._guests = np.zeros((0, n))
+        self._guests = np.zeros((0, len(mean)))
         self._begun: Start
-        self._begin(Setting(population), np.clip(self._x0, self._lower, self._upper))
+        self._begin(self._box.nearest(mean))
+
+    @property
+    def n_objective(self) -> int:
+        """Return the number of evaluations of the objective."""
+        return self._evaluations.n_objective
+
+    @property
+    def n_constraint(self) -> int:
+        """Return the number of evaluations of the constraints."""
+        return self._evaluations.n_constraint
 
     def ask(self) -> Request:
         """Return the next request for evaluations; repeated calls return the same request."""
         self._asked = True
         request = (self._restoration or self._run).ask()
-        return request if self._free.all() else replace(request, x=self._whole(request.x))
+        return request if self._box.free.all() else replace(request, x=self._box.whole(request.x))
 
     def inject(self, points: object) -> None:
         """Replace samples of the next generations by points.
@@ -299,14 +302,14 @@ class Minimiser:
         OptionError
             If they have another shape, are not finite, or lie outside the bounds.
         """
-        guests = numbers(points)
+        guests, n = numbers(points), len(self._prior.mean)
         guests = guests[None] if guests.ndim == 1 else guests
-        if guests.ndim != 2 or guests.shape[1] != len(self._x0) or not np.isfinite(guests).all():
+        if guests.ndim != 2 or guests.shape[1] != n or not np.isfinite(guests).all():
             raise OptionError(
                 f"points of shape {guests.shape} cannot be injected",
-                way_out=f"give finite numbers, (n_points, {len(self._x0)})",
+                way_out=f"give finite numbers, (n_points, {n})",
             )
-        outside = np.flatnonzero(((guests < self._lower) | (guests > self._upper)).any(axis=1))
+        outside = np.flatnonzero(~self._box.holds(guests))
         if outside.size:
             raise OptionError(
                 f"the injected point {outside[0]} lies outside the bounds", way_out="move it inside"
@@ -328,40 +331,33 @@ class Minimiser:
         """
         if self._asked:
             raise OptionError("the last request still waits for its values", way_out="tell them first")
-        lower, upper = _checked_bounds(bounds, len(self._x0))
-        free = _free(lower, upper, self._method)
-        mean, covariance = self._whole((self._restoration or self._begun).x[None])[0], self._covariance.copy()
-        sigma = self._begun.sigma
-        if self._restoration is None:
-            inner, sigma, learned = self._run.distribution
-            mean = self._whole(inner[None])[0]
-            self._guests = np.concatenate([self._guests, self._whole(self._run.guests)])
-            covariance[np.ix_(self._free, self._free)] = learned
-        self._lower, self._upper, self._free = lower, upper, free
-        if not ((self._best_x >= lower) & (self._best_x <= upper)).all():
-            self._best_x, self._best_fun = np.clip(self._best_x, lower, upper), np.nan
-            self._least_violation = np.inf
-        self._guests = np.clip(self._guests, lower, upper)
-        x = np.clip(mean, lower, upper)
+        before, prior, best = self._box, self._prior, self._evaluations.best
+        box = _checked_box(bounds, len(prior.mean), self._method)
+        covariance = np.eye(len(prior.mean)) if prior.covariance is None else prior.covariance.copy()
+        if self._restoration is not None:
+            mean, sigma = self._restoration.x, self._begun.sigma
+        else:
+            mean, sigma, learned = self._run.distribution
+            self._guests = np.concatenate([self._guests, before.whole(self._run.guests)])
+            covariance[np.ix_(before.free, before.free)] = learned
+        self._box = box
+        if not box.holds(best.x):
+            self._evaluations.best = Best(box.nearest(best.x))
+        self._guests = box.nearest(self._guests)
+        x, free = box.nearest(before.whole(mean)), box.free
         self._begun = replace(
             self._begun,
             x=x[free],
             sigma=sigma,
-            lower=lower[free],
-            upper=upper[free],
+            lower=box.lower[free],
+            upper=box.upper[free],
             covariance=covariance[np.ix_(free, free)],
         )
         self._start_run(x[free])
 
-    def _whole(self, x: Array) -> Array:
-        """Return points with the fixed variables at their values; arrays, (n_points, n_free) -> (n_points, n)."""
-        whole = np.repeat(self._lower[None], len(x), axis=0)
-        whole[:, self._free] = x
-        return whole
-
     def _invite(self) -> None:
         if len(self._guests):
-            self._run.invite(self._guests[:, self._free])
+            self._run.invite(self._guests[:, self._box.free])
             self._guests = self._guests[:0]
 
     def tell(self, objective: Array | None = None, constraints: Array | None = None) -> None:
@@ -388,9 +384,10 @@ class Minimiser:
         f = _checked_values(objective, (n_points,), "objective") if request.objective else None
         h = _checked_values(constraints, (n_points, m), "constraints") if request.constraints else None
         self._asked = False
-        self.n_objective += n_points * request.objective
-        self.n_constraint += n_points * (request.constraints and m > 0)
-        self._remember(request, f, h)
+        self._evaluations.count(f, h)
+        known = request.known if h is None else h
+        violation = np.zeros(n_points) if known is None else self._begun.violation(known).sum(axis=1)
+        self._evaluations.compare(request.x, f, violation)
         asked = self._restoration or self._run
         asked.tell(None if f is None else _moderate(f), None if h is None else _moderate(h))
         if self._restoration is not None:
@@ -402,37 +399,38 @@ class Minimiser:
     @property
     def best_fun(self) -> float:
         """Return the objective of the best feasible point; NaN if there is none."""
-        return self._best_fun if self._least_violation == 0.0 else np.nan
+        return self._evaluations.best.feasible_fun
 
     def result(self, reason: Reason | None = None) -> Result:
         """Return the result so far."""
+        evaluations, best = self._evaluations, self._evaluations.best
         return Result(
-            x=self._best_x.copy(),
-            fun=self._best_fun,
-            violation=float(self._least_violation),
-            n_objective=self.n_objective,
-            n_constraint=self.n_constraint,
-            history=np.array(self._history).reshape(-1, 4),
+            x=best.x.copy(),
+            fun=best.fun,
+            violation=float(best.violation),
+            n_objective=evaluations.n_objective,
+            n_constraint=evaluations.n_constraint,
+            history=np.array(evaluations.improvements).reshape(-1, 4),
             reason=reason or self.reason or Reason.CALLBACK,
         )
 
-    def _begin(self, setting: Setting, x: Array) -> None:
-        self._setting, self._cost = setting, max(self.n_objective, self.n_constraint)
-        self._restoration: Restoration | None = None
+    def _begin(self, x: Array) -> None:
+        """Begin a run at a point, array of shape (n,)."""
+        box, prior, setting, free = self._box, self._prior, self._runs.setting, self._box.free
         self._begun = Start(
-            x=x[self._free],
-            sigma=self._sigma0 * setting.sigma,
-            rng=np.random.default_rng([self._seed, 1, len(self._ended)]),
+            x=x[free],
+            sigma=prior.sigma * setting.sigma,
+            rng=self._runs.generator(),
             equality=self._equality,
             tolerance=self._tolerance,
-            lower=self._lower[self._free],
-            upper=self._upper[self._free],
+            lower=box.lower[free],
+            upper=box.upper[free],
             population=setting.population,
-            failures=self._failures,
-            covariance=self._covariance[np.ix_(self._free, self._free)] if self._shaped else None,
+            failures=self._runs.n_diverged,
+            covariance=None if prior.covariance is None else prior.covariance[np.ix_(free, free)],
         )
         if len(self._equality):
-            self._restoration = Restoration(self._begun)
+            self._restoration: Restoration | None = Restoration(self._begun)
         else:
             self._start_run(self._begun.x)
 
@@ -443,68 +441,22 @@ class Minimiser:
 
     def _count_start(self, constraints: Array) -> None:
         """Count an evaluation of the constraints at the start."""
-        self.n_constraint += len(constraints) > 0
-        self._finite_constraints |= bool(np.isfinite(constraints).all())
+        self._evaluations.count(None, constraints[None])
 
     def check_finite(self) -> None:
         """Raise `OptionError` if values were told but none was finite."""
-        if self.n_constraint and not self._finite_constraints:
-            raise OptionError(
-                f"no constraint value of {self.n_constraint} points was finite ({SIGN})",
-                key="constraints",
-                way_out="start where they are defined",
-            )
-        if self.n_objective and not self._finite_objective:
-            raise OptionError(
-                f"no objective value of {self.n_objective} points was finite",
-                key="objective",
-                way_out="start where it is defined",
-            )
+        self._evaluations.check_finite()
 
     def _end_run(self, reason: Reason) -> None:
         """Restart from another point, or end the search."""
         self.check_finite()
-        self._failures += reason is Reason.DIVERGED
-        population = self._setting.population or default_population(int(self._free.sum()))
-        cost = max(self.n_objective, self.n_constraint) - self._cost
-        self._ended.append(Ended(self._setting, population, cost))
-        following = self._restarts.following(self._ended, self._choices)
-        if following is None:
+        population = default_population(len(self._begun.x))
+        if not self._runs.follow(population, self._evaluations.spent, reason is Reason.DIVERGED):
             self.reason = reason
             return
-        normal = self._choices.standard_normal(len(self._x0))
-        uniform = self._choices.random(len(self._x0))
-        with np.errstate(invalid="ignore"):
-            x = np.where(
-                np.isfinite(self._lower) & np.isfinite(self._upper),
-                self._lower + uniform * (self._upper - self._lower),
-                self._x0 + SPREAD * self._sigma0 * self._drawn(normal),
-            )
-        self._begin(following, np.clip(x, self._lower, self._upper))
-
-    def _drawn(self, normal: Array) -> Array:
-        return np.linalg.cholesky(self._covariance) @ normal if self._shaped else normal
-
-    def _remember(self, request: Request, objective: Array | None, constraints: Array | None) -> None:
-        """Keep the best point: feasible before infeasible, then the lower objective or violation."""
-        h = request.known if constraints is None else constraints
-        violation = np.zeros(len(request.x)) if h is None else self._begun.violation(h).sum(axis=1)
-        values = np.full(len(request.x), np.nan) if objective is None else objective
-        self._finite_objective |= bool(np.isfinite(values).any())
-        self._finite_constraints |= h is not None and bool(np.isfinite(h).all(axis=1).any())
-        if not np.isnan(self.best_fun):
-            good = (violation == 0.0) & (values < self._best_fun)
-            i = int(np.argmin(np.where(good, values, np.inf)))
-        elif (violation == 0.0).any() and np.isfinite(values[violation == 0.0]).any():
-            good = (violation == 0.0) & np.isfinite(values)
-            i = int(np.argmin(np.where(good, values, np.inf)))
-        else:
-            i = int(np.argmin(violation))
-            good = violation < self._least_violation
-        if good[i]:
-            self._best_x, self._best_fun = request.x[i].copy(), float(values[i])
-            self._least_violation = float(violation[i])
-            self._history.append((self.n_objective, self.n_constraint, self._best_fun, self._least_violation))
+        n, choices = len(self._prior.mean), self._runs.choices
+        drawn = self._prior.at(choices.standard_normal(n), SPREAD)
+        self._begin(self._box.nearest(self._box.uniform(choices.random(n), drawn)))
 
 
 def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
@@ -535,59 +487,16 @@ def _moderate(values: Array) -> Array:
     return np.where(np.isfinite(values), np.clip(values, -HUGE, HUGE), values)
 
 
-def _checked_bounds(bounds: tuple[object, object] | None, n: int) -> tuple[Array, Array]:
-    """Return the bounds of x as arrays, shape (n,), infinite where open."""
-    try:
-        ends = (np.asarray(bound, dtype=np.float64) for bound in bounds or (-np.inf, np.inf))
-        lower, upper = (np.broadcast_to(bound, (n,)).copy() for bound in ends)
-    except (TypeError, ValueError):
-        lower, upper = np.full(n, np.nan), np.full(n, np.nan)
-    if not ((lower <= upper) & (lower < np.inf) & (upper > -np.inf)).all():
-        raise OptionError(
-            "bounds must be a lower and a higher end for every variable, or the same twice to fix it",
-            key="bounds",
-            way_out=f"give a pair of numbers, or of arrays of shape ({n},), -inf or inf where there is no bound",
-        )
-    return lower, upper
-
-
-def _free(lower: Array, upper: Array, method: object) -> NDArray[np.bool_]:
-    """Return which variables are not fixed by equal bounds; array of bool, shape (n,)."""
-    free = lower < upper
-    if not free.any():
+def _checked_box(bounds: tuple[object, object] | None, n: int, method: object) -> Box:
+    """Return the box of bounds in which a method can search."""
+    box = Box.checked(bounds, n)
+    if not box.free.any():
         raise OptionError("every variable is fixed", key="bounds", way_out="leave one of them free")
-    if isinstance(method, ProjectionRepair) and not free.all():
+    if isinstance(method, ProjectionRepair) and not box.free.all():
         raise OptionError(
             "a projection would move fixed variables", key="bounds", way_out="leave them out of the problem"
         )
-    return free
-
-
-def _tell_outside(x0: Array, lower: Array, upper: Array) -> None:
-    """Warn if the first mean lies outside the bounds."""
-    away = np.maximum(lower - x0, x0 - upper)
-    i = int(np.argmax(away))
-    if away[i] > 0 and lower[i] < upper[i]:
-        warnings.warn(
-            f"x0[{i}] = {x0[i]:g} lies outside its bounds, {lower[i]:g} to {upper[i]:g}: the search begins at the "
-            "nearest point inside",
-            ComoveWarning,
-            stacklevel=3,
-        )
-
-
-def _checked_covariance(covariance: object, n: int) -> Array:
-    """Return the first covariance, checked, as a matrix of shape (n, n)."""
-    matrix = np.eye(n) if covariance is None else numbers(covariance)
-    matrix = np.diag(matrix) if matrix.shape == (n,) else matrix
-    good = matrix.shape == (n, n) and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9)
-    if not good or not np.linalg.eigvalsh(matrix)[0] > 0:
-        raise OptionError(
-            f"a covariance of shape {matrix.shape} that is none",
-            key="covariance",
-            way_out=f"give {n} positive variances, or a symmetric positive definite matrix ({n}, {n})",
-        )
-    return 0.5 * (matrix + matrix.T)
+    return box
 
 
 def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:

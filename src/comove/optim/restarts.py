@@ -45,6 +45,45 @@ class Restarts(Protocol):
         """Return the setting of the next run, or None to end."""
 
 
+class Runs:
+    """The runs of a search, one after the other, by a rule.
+
+    Attributes
+    ----------
+    rule : decides on the next run
+    seed : seed of all random numbers
+    setting : setting of the present run
+    ended : the runs before
+    n_diverged : how many of these diverged
+    choices : source of the random numbers between runs
+    """
+
+    def __init__(self, rule: Restarts, seed: int, first: Setting) -> None:
+        self.rule, self.seed, self.setting = rule, seed, first
+        self.ended: list[Ended] = []
+        self.n_diverged = 0
+        self.choices = np.random.default_rng([seed, 0])
+
+    def generator(self) -> np.random.Generator:
+        """Return a new source of the random numbers of the present run."""
+        return np.random.default_rng([self.seed, 1, len(self.ended)])
+
+    def follow(self, population: int, spent: int, diverged: bool) -> bool:
+        """End the present run; return whether another follows.
+
+        Parameters
+        ----------
+        population : samples per generation, of a run whose setting leaves them open
+        spent : evaluations of the whole search so far
+        """
+        cost = spent - sum(run.evaluations for run in self.ended)
+        self.ended.append(Ended(self.setting, self.setting.population or population, cost))
+        self.n_diverged += diverged
+        following = self.rule.following(self.ended, self.choices)
+        self.setting = following or self.setting
+        return following is not None
+
+
 @dataclass(frozen=True)
 class NoRestarts:
     """The rule that ends the search after one run."""

@@ -101,12 +101,13 @@ def _along(
     """Return a programme that can follow a path, weights, and path samples."""
     for n_basis in smoothing.n_basis:
         programme = _programme(search, boundary, n_basis)
-        n_fine, n_columns = programme.fine.base.shape
+        curves = programme.curves
+        n_fine, n_columns = curves.fine.base.shape
         fine = np.linspace(0.0, N_STEPS - 1, n_fine)
         reference = interpolated(fine, np.arange(float(N_STEPS)), way[:, :n_columns])
         for ridge in smoothing.ridges:
-            z = programme.fit(reference, ridge)
-            off = np.abs((programme.fine.q(z) - reference) / programme.scale[:n_columns]).max()
+            z = curves.fit(reference, ridge)
+            off = np.abs((curves.fine.q(z) - reference) / programme.watched.scale[:n_columns]).max()
             if off < smoothing.near:
                 return programme, z, reference
     return programme, z, reference
@@ -159,15 +160,15 @@ def _verified(
     """Optimise with growing margins, then for time if needed; return success."""
     smooth = search.aim.smoothness
     settings = replace(_convex(search, smoothing), wish=smooth.wish)
-    cost = _squares(search, smooth, len(programme.coarse.base))
+    cost = _squares(search, smooth, len(programme.curves.coarse.base))
     if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
         even = replace(cost, precision=None)
         z, reference = _optimised(search, programme, even, z, settings, reference), None
-        search.judge(programme.motion(z))
+        search.judge(programme.curves.motion(z))
     known = search.found.best_cost if search.own is None and smooth is search.aim else np.inf
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings, reference, known)
-        verdict, reference = search.judge(programme.motion(z)), None
+        verdict, reference = search.judge(programme.curves.motion(z)), None
         verified = verdict.verified is not None
         if verdict.report.clearance_min < search.scene.clearance - smoothing.hopeless:
             return False
@@ -178,7 +179,7 @@ def _verified(
     hasty = search.aim.is_time or (not verified and too_fast(programme, z, smoothing))
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
         detail = smoothing.fast if search.aim.is_time else smoothing.fastest  # what a message names must do
-        return hurry(search, programme.motion(z), detail, smoothing) or verified
+        return hurry(search, programme.curves.motion(z), detail, smoothing) or verified
     return verified
 
 
@@ -196,8 +197,8 @@ def _carried(
     nearest to the planned path comes before all others, unless its bends would decide the duration. Last, motions are
     drawn to the demonstration as far as the kinematics can follow.
     """
-    nodes, hands = programme.hands(reference)
-    anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
+    nodes, hands = programme.curves.hands(reference)
+    anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.curves.coarse.base) - 1)])
     aim = search.aim.smoothness
     taught, smooth = _squares(search, aim, len(anchor)), squares(search.scene, aim, None, len(anchor))
     settings, found = replace(_convex(search, smoothing), wish=aim.wish), False
@@ -207,14 +208,14 @@ def _carried(
         nearest = _optimised(
             search, programme, Anchored(smooth, anchor, smoothing.pulls[-1]), z, settings, reference
         )
-        found = search.judge(programme.motion(nearest)).verified is not None
+        found = search.judge(programme.curves.motion(nearest)).verified is not None
     free = _optimised(search, programme, smooth, z, settings, reference)
     programme.follower = search.kinematics.along(nodes)
-    if programme.is_followed(free) and search.judge(programme.motion(free)).verified is not None:
+    if programme.is_followed(free) and search.judge(programme.curves.motion(free)).verified is not None:
         at = free
     for pull in smoothing.pulls if at is None else ():
         z = _optimised(search, programme, Anchored(smooth, anchor, pull), z, settings, along)
-        verdict, along = search.judge(programme.motion(z)), None
+        verdict, along = search.judge(programme.curves.motion(z)), None
         if verdict.verified is not None:
             at = z
             break
@@ -236,7 +237,7 @@ def _carried(
         cost = replace(taught, pull=share * taught.pull)
         ahead = _optimised(search, programme, cost, at, nearer)
         parts = (at + part * (ahead - at) for part in smoothing.parts)
-        at = next((z for z in parts if search.judge(programme.motion(z)).verified is not None), at)
+        at = next((z for z in parts if search.judge(programme.curves.motion(z)).verified is not None), at)
     return True
 
 
@@ -253,7 +254,7 @@ def _optimised(
     search.check_time()
     outcome = optimise(programme, cost, z, settings, reference, search.over, known)
     search.count(outcome.iterations, STEP)
-    search.clock.add_work(outcome.programmes * PROGRAMME * programme.n)
+    search.clock.add_work(outcome.programmes * PROGRAMME * programme.curves.n)
     search.tell(outcome.value, outcome.missed)
     return outcome.z
 
@@ -269,7 +270,7 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
     settings = smoothing.convex
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
-        verdict = search.judge(programme.motion(z))
+        verdict = search.judge(programme.curves.motion(z))
         if verdict.verified is not None:
             return
         settings = _stricter(settings, attempt, smoothing)
@@ -278,7 +279,8 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
 
 def too_fast(programme: ConvexProgramme, z: Array, smoothing: SmoothingSettings) -> bool:
     """Return whether limits are exceeded, by more than the sampling error."""
-    return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > smoothing.unmet
+    _, hands = programme.curves.hands(programme.curves.coarse.q(z))
+    return programme.limits.excess(hands) > smoothing.unmet
 
 
 def hurry(
@@ -303,8 +305,9 @@ def hurry(
     programme = ConvexProgramme(
         search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=limits
     )
-    z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], smoothing.ridges[-1])
-    _, hands = programme.hands(programme.coarse.q(z))
+    curves = programme.curves
+    z = curves.fit(motion.at(np.linspace(0.0, 1.0, len(curves.fine.base)))[0], smoothing.ridges[-1])
+    _, hands = curves.hands(curves.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
     jerk, pace = gentle.value(hands), limits.pace(hands)
     if not (jerk > 0 and pace > 0):
@@ -313,7 +316,7 @@ def hurry(
     settings = replace(_convex(search, smoothing), wish=0.0, most=smoothing.faster)
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
-        motion = programme.motion(z)
+        motion = curves.motion(z)
         if search.judge(motion).verified is not None:
             return True
         if _note_slower(search, motion):

@@ -765,6 +765,29 @@ def test_the_schema_knows_all_keys_of_a_file(tmp_path):
     assert not satisfies(data)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"version": 1},
+        {"name": 7},
+        {"duration": -1.0},
+        {"payload": {"shape": "ball", "size": [0.4, 0.2, 0.05]}},
+        {"payload": {"shape": "box"}},
+        {"workspace": {"lower": [0, 0, 0]}},
+        {"obstacles": {"shape": "sphere", "center": [0, 0, 0], "radius": 0.1}},
+        {"obstacles": [{"shape": "sphere", "center": [0, 0, 0], "radius": 0.0}]},
+        {"limits": {"speed": "fast"}},
+        {"grasps": {"left": 3}},
+    ],
+    ids=str,
+)
+def test_a_wrong_scene_fails_the_schema_and_the_reader(change, tmp_path):
+    data = read_text(TRAY, tmp_path) | change
+    assert not satisfies(data)
+    with pytest.raises(SceneError):
+        Scene.from_dict(data, check_ends=False)
+
+
 @pytest.mark.few(12)
 @pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

@@ -24,20 +24,18 @@ def drawn(seed, **options):
     """A random programme among obstacles, and weights."""
     rng = np.random.default_rng([seed, 5])
     programme = smooth_programme(near_contact(rng))
-    return programme, 0.01 * rng.standard_normal(programme.n)
+    return programme, 0.01 * rng.standard_normal(programme.curves.n)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_least_distances_are_those_of_brute_force(seed):
     programme, z = drawn(seed)
     need = np.zeros(programme.load.n_owners + 2)
-    seen = programme.look(programme.fine.q(z), FAR, need)
-    a, b, radii = brute_force.body_of(
-        programme.scene, seen.nodes[:, : len(programme.scene.manipulators), : programme.scene.n_dims]
-    )
+    scene, seen = programme.curves.scene, programme.look(programme.curves.fine.q(z), FAR, need)
+    a, b, radii = brute_force.body_of(scene, seen.nodes[:, : len(scene.manipulators), : scene.n_dims])
     shares = np.linspace(0.0, 1.0, 201)[:, None]
     points = a[:, :, None] + shares * (b - a)[:, :, None]
-    for i, obstacle in enumerate(programme.scene.file.obstacles):
+    for i, obstacle in enumerate(scene.file.obstacles):
         truth = min(FAR, (brute_force.obstacle_distance(obstacle, points) - radii[:, None]).min())
         # Between samples it may be nearer than at any, by what a point moves from one to the next; what is far away
         # is looked at in every fourth.
@@ -52,13 +50,11 @@ def test_rows_are_the_slopes_of_distances(seed):
     """Of rods, points, solids, borders and hands that stay apart, in every kind of coordinates."""
     programme, z = drawn(seed)
     p, need = programme, np.zeros(programme.load.n_owners + 2)
-    seen = p.look(p.fine.q(z), FAR, need)
-    rows, bound, _ = p.linear(seen, np.zeros((N, p.fine.base.shape[1])), need)
+    seen = p.look(p.curves.fine.q(z), FAR, need)
+    rows, bound, _ = p.linear(seen, np.zeros((N, p.curves.fine.base.shape[1])), need)
     rng = np.random.default_rng(seed)
-    step = 1e-6 * rng.standard_normal(p.n)
-    ahead, behind = (
-        p.coordinates.nodes(np.ascontiguousarray(p.fine.q(z + s * step).T[None]))[0] for s in (1, -1)
-    )
+    step = 1e-6 * rng.standard_normal(p.curves.n)
+    ahead, behind = (p.curves.nodes(p.curves.fine.q(z + s * step)) for s in (1, -1))
     checked = 0
     for row, contact, least in zip(rows, seen.contacts, bound, strict=True):
         if contact[c.TAU] != 0.0 or contact[c.OTHER] >= 0:
@@ -93,7 +89,7 @@ def test_what_is_far_away_costs_no_contact():
         "obstacles": [{"shape": "sphere", "center": [-2.5] * 3, "radius": 0.1}]
     }
     programme = smooth_programme(on_scene(motion, data))
-    seen = programme.look(programme.fine.q(np.zeros(programme.n)), 0.1, np.zeros(3))
+    seen = programme.look(programme.curves.fine.q(np.zeros(programme.curves.n)), 0.1, np.zeros(3))
     assert len(seen.contacts) == 0
     np.testing.assert_array_equal(seen.depth, [-0.1] * 3)
 
@@ -114,7 +110,7 @@ def test_a_moving_obstacle_is_met_where_it_is_then():
     coordinates = load_coordinates(scene)
     programme = ConvexProgramme(scene, coordinates, motion_basis(12, "jerk"), coordinates.boundary())
     need = programme.need(ConvexSettings())
-    seen = programme.look(programme.fine.q(np.zeros(programme.n)), 0.05, need)
+    seen = programme.look(programme.curves.fine.q(np.zeros(programme.curves.n)), 0.05, need)
     near = seen.contacts[seen.contacts[:, c.OWNER] == 0]
     assert len(near) > 0
     assert np.abs(near[:, c.SAMPLE] / (N - 1) - 0.5).max() < 0.1

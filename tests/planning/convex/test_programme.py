@@ -43,12 +43,12 @@ def test_where_nothing_is_in_the_way_the_minimum_jerk_motion_is_found(name):
     scene = one_hand() if name == "one hand" else scene_of(name)
     free = Scene.from_dict(scene.file.model_dump() | {"obstacles": []}) if scene.file.obstacles else scene
     programme = programme_of(free)
-    z = 0.01 * np.random.default_rng(0).standard_normal(programme.n)
+    z = 0.01 * np.random.default_rng(0).standard_normal(programme.curves.n)
     cost = squares(free, LeastJerk(), None)
     found = optimise(programme, cost, z, ConvexSettings(iterations=60))
-    straight = programme.motion(np.zeros(programme.n))
+    straight = programme.curves.motion(np.zeros(programme.curves.n))
     least = jerk_cost(straight, LeastJerk(), None)
-    assert jerk_cost(programme.motion(found.z), LeastJerk(), None) <= least * 1.002
+    assert jerk_cost(programme.curves.motion(found.z), LeastJerk(), None) <= least * 1.002
     if len(scene.manipulators) == 1:
         assert least == pytest.approx(1.0, abs=2e-3)
         assert np.abs(found.z).max() < 1e-3
@@ -63,11 +63,11 @@ def test_around_a_disc_margins_are_kept_and_both_sides_cost_the_same():
         found = optimise(
             programme,
             squares(scene, LeastJerk(), None),
-            programme.fit(way, 1e-8),
+            programme.curves.fit(way, 1e-8),
             ConvexSettings(wish=0.0),
             way,
         )
-        report = verify(programme.motion(found.z)).report
+        report = verify(programme.curves.motion(found.z)).report
         assert 0.0 < report.clearance_min < 3e-3
         values.append(found.value)
     assert values[0] == pytest.approx(values[1], rel=5e-3)
@@ -79,7 +79,7 @@ def test_what_a_known_motion_beats_is_not_optimised_to_the_end():
     scene = one_hand([{"shape": "circle", "center": [0.5, 0.5], "radius": 0.2}])
     programme, s = programme_of(scene, 24), np.linspace(0.0, 1.0, 201)[:, None]
     way = np.concatenate([s**3 * (10 + s * (6 * s - 15)), 0.5 + 0.4 * np.sin(np.pi * s) ** 2], axis=1)
-    cost, z = squares(scene, LeastJerk(), None), programme.fit(way, 1e-8)
+    cost, z = squares(scene, LeastJerk(), None), programme.curves.fit(way, 1e-8)
     best, beaten = (
         optimise(programme, cost, z, ConvexSettings(), way, known=known) for known in (np.inf, 0.0)
     )
@@ -87,7 +87,7 @@ def test_what_a_known_motion_beats_is_not_optimised_to_the_end():
     np.testing.assert_array_equal(equal.z, best.z)
     assert beaten.iterations < best.iterations
     assert beaten.missed == 0.0
-    assert verify(programme.motion(beaten.z)).verified is not None
+    assert verify(programme.curves.motion(beaten.z)).verified is not None
 
 
 def test_a_wish_for_room_is_met_where_it_costs_little():
@@ -95,9 +95,12 @@ def test_a_wish_for_room_is_met_where_it_costs_little():
     programme, clearances, jerks = programme_of(scene, 24), [], []
     for wish in (0.0, 0.01, 0.02):
         found = optimise(
-            programme, squares(scene, LeastJerk(), None), np.zeros(programme.n), ConvexSettings(wish=wish)
+            programme,
+            squares(scene, LeastJerk(), None),
+            np.zeros(programme.curves.n),
+            ConvexSettings(wish=wish),
         )
-        motion = programme.motion(found.z)
+        motion = programme.curves.motion(found.z)
         clearances.append(verify(motion).report.clearance_min)
         jerks.append(jerk_cost(motion, LeastJerk(), None))
     assert clearances[0] < 3e-3 < 6e-3 < clearances[1] < clearances[2]
@@ -106,12 +109,14 @@ def test_a_wish_for_room_is_met_where_it_costs_little():
 
 def test_limits_are_kept():
     """The straight motion of least jerk peaks at 1.875 times its mean speed and 5.77 m/s^2 in unit duration."""
-    free = verify(programme_of(one_hand()).motion(np.zeros(40))).report
+    free = verify(programme_of(one_hand()).curves.motion(np.zeros(40))).report
     assert free.speed_max == pytest.approx(1.875 / 2, rel=1e-2)
     scene = one_hand(limits={"speed": 0.8})
     programme = programme_of(scene, 24)
-    found = optimise(programme, squares(scene, LeastJerk(), None), np.zeros(programme.n), ConvexSettings())
-    motion = programme.motion(found.z)
+    found = optimise(
+        programme, squares(scene, LeastJerk(), None), np.zeros(programme.curves.n), ConvexSettings()
+    )
+    motion = programme.curves.motion(found.z)
     assert verify(motion).verified is not None
     assert 0.75 < verify(motion).report.speed_max <= 0.8
 
@@ -153,7 +158,7 @@ def test_the_cost_is_the_integral_of_its_definition():
     """Against plain quadrature of the curve's own third derivative, with a demonstration and without."""
     scene = example("narrow")
     programme = programme_of(scene, 12)
-    motion = programme.motion(1e-3 * np.random.default_rng(1).standard_normal(programme.n))
+    motion = programme.curves.motion(1e-3 * np.random.default_rng(1).standard_normal(programme.curves.n))
     s = np.linspace(0.0, 1.0, 8001)
     acceleration = motion.hands(s)[2]
     way = np.linalg.norm(scene.goal - scene.start)

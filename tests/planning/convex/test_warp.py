@@ -34,14 +34,14 @@ def programme():
 
 def along(programme, s):
     """Weights of a curved way that is run through as the shares `s` say, array of shape (n_fine,)."""
-    base = programme.fine.base
+    base = programme.curves.fine.base
     q = base[0] + s[:, None] * (base[-1] - base[0])
     q[:, 1] += 0.3 * np.sin(np.pi * s) ** 2
-    return programme.fit(q, 1e-12)
+    return programme.curves.fit(q, 1e-12)
 
 
 def cost_of(programme):
-    return squares(programme.scene, LeastJerk(), None)
+    return squares(programme.curves.scene, LeastJerk(), None)
 
 
 def warp_of(programme, cost, z):
@@ -50,14 +50,14 @@ def warp_of(programme, cost, z):
 
 
 def test_a_late_motion_is_made_even_and_keeps_its_way(programme):
-    t = np.linspace(0.0, 1.0, len(programme.fine.base))
+    t = np.linspace(0.0, 1.0, len(programme.curves.fine.base))
     rest = t**3 * (10 - 15 * t + 6 * t**2)
     late = along(programme, rest**1.3)
     cost = cost_of(programme)
     again = warp_of(programme, cost, late)
     before, after = (programme.value(cost, z, 0.0)[0] for z in (late, again))
     assert after < 0.8 * before
-    path, moved = programme.fine.q(late), programme.fine.q(again)
+    path, moved = programme.curves.fine.q(late), programme.curves.fine.q(again)
     away = np.linalg.norm(moved[:, None, :2] - path[None, :, :2], axis=2).min(axis=1)
     assert away.max() < 8e-3  # samples of the path are up to 10 mm apart
     for _ in range(6):
@@ -67,12 +67,12 @@ def test_a_late_motion_is_made_even_and_keeps_its_way(programme):
 
 
 def test_what_cannot_be_better_is_left_alone(programme):
-    straight = np.zeros(programme.n)
+    straight = np.zeros(programme.curves.n)
     assert warp_of(programme, cost_of(programme), straight) is straight
 
 
 def test_where_time_has_its_price_nothing_is_warped(programme):
-    late = along(programme, np.linspace(0.0, 1.0, len(programme.fine.base)) ** 2)
+    late = along(programme, np.linspace(0.0, 1.0, len(programme.curves.fine.base)) ** 2)
     assert warp_of(programme, replace(cost_of(programme), haste=1.0), late) is late
 
 

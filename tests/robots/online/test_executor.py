@@ -120,7 +120,7 @@ def test_a_robot_that_does_not_come_along_is_waited_for_and_then_told_of():
         executor.step(stuck)
     lag = np.abs(executor.position - stuck).max()
     assert lag < 2 * executor.settings.lag
-    assert executor.pilot.clock < executor.plan.joints.duration / 2
+    assert executor.replanner.clock < executor.plan.joints.duration / 2
     far = stuck.copy()
     far[3] += 1.0
     with pytest.raises(RobotError, match="rad from where it was commanded"):

@@ -12,6 +12,7 @@ from comove.model import Scene
 from comove.model.coordinates import load_coordinates
 from comove.planning.configurations import span
 from comove.robots.carrying import RobotCarrier
+from comove.robots.online.course_finder import CourseFinder, FinderSettings
 from comove.robots.online.courses import CourseSettings
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.pilot import Pilot, PilotSettings
@@ -20,7 +21,8 @@ from comove.robots.online.roadmap import RoadmapSettings, Way, nearby, nearest
 from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
 
-SETTINGS = PilotSettings(roadmap=RoadmapSettings(n_nodes=40), courses=CourseSettings(n_slots=60))
+FINDER = FinderSettings(roadmap=RoadmapSettings(n_nodes=40), courses=CourseSettings(n_slots=60))
+SETTINGS = PilotSettings(finder=FINDER)
 
 
 @lru_cache(maxsize=1)
@@ -38,7 +40,8 @@ def at_start():
     full = scene.clearance
     needs = LinkNeeds(np.full(len(scene.obstacles), 0.5 * full), 0.0, 0.0, 0.3)
     plan = MotionReference.standing(here)
-    return Pilot(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=SETTINGS), carrier
+    finder = CourseFinder(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=FINDER)
+    return Pilot(finder, SETTINGS), carrier
 
 
 def nothing():
@@ -54,9 +57,9 @@ def ball(center, velocity):
 
 def test_ways_hold_the_load_and_keep_clear_of_what_stands():
     pilot, carrier = stands()
-    roadmap, scene = pilot.growth.roadmap, carrier.scene
+    roadmap, scene = pilot.finder.growth.roadmap, carrier.scene
     assert len(roadmap.nodes) > 20
-    nodes = pilot.coordinates.nodes(roadmap.configurations.T[None])[0]
+    nodes = pilot.finder.coordinates.nodes(roadmap.configurations.T[None])[0]
     turns = scene.grasp.hand_rotations(nodes[:, :2])
     for k in range(0, len(nodes), 7):
         whole = carrier.robot.home
@@ -68,15 +71,17 @@ def test_ways_hold_the_load_and_keep_clear_of_what_stands():
         assert scene.clearance_at(nodes[k])[0] >= scene.clearance - 1e-3
     at = roadmap.nodes
     joints, placed = np.ascontiguousarray(roadmap.joints[at]), np.ascontiguousarray(nodes[at])
-    keep, *others = clearances_along(pilot.arms, joints, placed, scene.obstacles, scene.clearance)
-    assert (keep >= pilot.ground.needs.obstacle - 1e-9).all()
+    keep, *others = clearances_along(
+        pilot.finder.ground.arms, joints, placed, scene.obstacles, scene.clearance
+    )
+    assert (keep >= pilot.finder.ground.needs.obstacle - 1e-9).all()
     assert min(others) >= -1e-9
 
 
 def test_a_way_is_gone_in_both_directions_slot_by_slot():
     pilot, _ = stands()
-    roadmap, half = pilot.growth.roadmap, len(pilot.growth.roadmap.source) // 2
-    most = pilot.ground.most * (1 + pilot.settings.roadmap.turning) + 1e-9
+    roadmap, half = pilot.finder.growth.roadmap, len(pilot.finder.growth.roadmap.source) // 2
+    most = pilot.finder.ground.most * (1 + FINDER.roadmap.turning) + 1e-9
     for e in range(0, half, 5):
         there = _samples(roadmap, e)
         np.testing.assert_array_equal(there, _samples(roadmap, e + half)[::-1])
@@ -91,7 +96,7 @@ def _samples(roadmap, e):
 
 def test_the_nearest_configurations_are_chosen_but_not_two_at_one_place():
     pilot, _ = stands()
-    space, there = pilot.ground.space, pilot.growth.roadmap.configurations
+    space, there = pilot.finder.ground.space, pilot.finder.growth.roadmap.configurations
     for q in there[::9]:
         away = np.array([span(space, other, q) for other in there])
         expected = []
@@ -122,7 +127,7 @@ def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
 def test_the_reference_is_clear_where_nothing_is_touched_within_a_second():
     pilot, _ = at_start()
     start = pilot.reference.at(0.0)[0]
-    nodes = pilot.coordinates.nodes(start[None, :, None])[0, 0]
+    nodes = pilot.finder.coordinates.nodes(start[None, :, None])[0, 0]
     middle = 0.5 * (nodes[0] + nodes[1])
     for k, (away, clear) in enumerate(((1.6, True), (0.3, False), (0.9, True))):
         seen = ball(middle + [0.0, away, 0.0], [0.0, -0.4, 0.0])
@@ -135,29 +140,29 @@ def test_the_reference_is_clear_where_nothing_is_touched_within_a_second():
 )
 def test_a_close_shave_is_met_but_clear(gap, met, clear):
     pilot, carrier = stands()
-    nodes = pilot.coordinates.nodes(pilot.reference.at(0.0)[0][None, :, None])[0, 0]
+    nodes = pilot.finder.coordinates.nodes(pilot.reference.at(0.0)[0][None, :, None])[0, 0]
     seen, away = nothing(), 0.08 + carrier.scene.body.radii.max() + gap
     seen.table[0, CENTER : CENTER + 3] = 0.5 * (nodes[0] + nodes[1]) - [0.0, 0.0, away]
     ahead = pilot._ahead(pilot.reference, 0.0, seen)
-    assert (ahead.max() >= SETTINGS.courses.costs.meeting) == met
+    assert (ahead.max() >= FINDER.courses.costs.meeting) == met
     assert pilot._is_clear(ahead) is clear
 
 
 def test_the_roadmap_grows_where_a_course_could_turn_aside_before_it_meets_something():
     pilot, carrier = stands()
-    first, last = pilot.coordinates.boundary()[[0, 2]]
+    first, last = pilot.finder.coordinates.boundary()[[0, 2]]
     joints = np.concatenate([starts[0] for starts in carrier.starts])
     share = np.linspace(0.0, 1.0, 31)[:, None]
     way = Way(first + share * (last - first), np.repeat(joints[None], 31, axis=0))
-    bars = pilot.coordinates.nodes(way.configurations.T[None])[0]
+    bars = pilot.finder.coordinates.nodes(way.configurations.T[None])[0]
     middle = bars[-1, :2].mean(axis=0)
     points = bars[:, None, 0] + np.linspace(0, 1, 100)[:, None] * (bars[:, None, 1] - bars[:, None, 0])
     apart = np.linalg.norm(points - middle, axis=-1).min(axis=-1) - 0.08 - carrier.scene.body.radii.max()
-    met = int(np.argmax(apart < carrier.scene.clearance + SETTINGS.courses.costs.met))
+    met = int(np.argmax(apart < carrier.scene.clearance + FINDER.courses.costs.met))
     assert 10 < met < 30
     seen = nothing()
     seen.table[0, CENTER : CENTER + 3] = middle
-    found = pilot._before_meeting(way, seen, 0.0)
+    found = pilot.finder._before_meeting(way, seen, 0.0)
     np.testing.assert_array_equal(found, way.configurations[[met - 10, met - 5, met]])
 
 
@@ -165,7 +170,7 @@ def test_the_roadmap_grows_where_a_course_could_turn_aside_before_it_meets_somet
 def test_who_stands_in_the_way_goes_out_of_it_in_time():
     pilot, _ = at_start()
     start = pilot.reference.at(0.0)
-    nodes = pilot.coordinates.nodes(start[0][None, :, None])[0, 0]
+    nodes = pilot.finder.coordinates.nodes(start[0][None, :, None])[0, 0]
     middle = 0.5 * (nodes[0] + nodes[1])
     seen = ball(middle + [0.0, 1.6, 0.0], [0.0, -0.4, 0.0])
     assert not pilot.looks_on(0.0, nothing(), 0.0)
@@ -173,7 +178,7 @@ def test_who_stands_in_the_way_goes_out_of_it_in_time():
     assert pilot.choose(1.0, seen, Way(start[0][None], start[1][None]), 0.0, 0.0)
     times = np.arange(0.0, 6.0, 0.05)
     configurations = pilot.reference.at(times)[0]
-    placed = pilot.coordinates.nodes(configurations.T[None])[0]
+    placed = pilot.finder.coordinates.nodes(configurations.T[None])[0]
     share = np.linspace(0, 1, 40)[:, None]
     bar = placed[:, None, 0] + share * (placed[:, None, 1] - placed[:, None, 0])
     center = middle + np.array([0.0, 1.6, 0.0]) + times[:, None] * [0.0, -0.4, 0.0]
@@ -192,9 +197,10 @@ def test_arms_that_were_driven_off_the_roadmap_are_planned_for_once_they_stand()
         for q, found in zip(coordinates.boundary()[[0, 2]], (carrier.starts, carrier.goals), strict=True)
     ]
     needs = LinkNeeds(np.full(len(scene.obstacles), 0.5 * scene.clearance), 0.0, 0.0, 0.3)
-    few = replace(SETTINGS, roadmap=RoadmapSettings(n_nodes=1, n_more=1, reach=0.02))
+    few = replace(FINDER, roadmap=RoadmapSettings(n_nodes=1, n_more=1, reach=0.02))
     plan = MotionReference.standing(ends[1])
-    pilot = Pilot(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=few)
+    finder = CourseFinder(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=few)
+    pilot = Pilot(finder, replace(SETTINGS, finder=few))
     off = float(np.linalg.norm(scene.nodes_at("goal") - scene.nodes_at("start"), axis=1).max())
     pilot.looks_on(0.0, nothing(), 0.0)
     assert not pilot.choose(0.0, nothing(), ends[0], off, 0.0)
@@ -206,7 +212,7 @@ def test_arms_that_were_driven_off_the_roadmap_are_planned_for_once_they_stand()
     assert (np.abs(rates) <= carrier.arms.chains.velocity).all()
     nodes = coordinates.nodes(configurations.T[None])[0]
     keep, *others = clearances_along(
-        pilot.arms, np.ascontiguousarray(joints), nodes, scene.obstacles, scene.clearance
+        pilot.finder.ground.arms, np.ascontiguousarray(joints), nodes, scene.obstacles, scene.clearance
     )
     assert keep.min() > 0.0 and min(others) > 0.0
     whole = carrier.robot.home

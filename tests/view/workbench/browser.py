@@ -88,7 +88,9 @@ class Bench:
 
     def settle(self):
         """Wait until the planner has answered, and the browser has drawn it."""
-        self.until(lambda: self.session.solved == self.session.asked and self.session.held is None)
+        self.until(
+            lambda: self.session.link.solved == self.session.link.asked and self.session.pointer.held is None
+        )
         self.page.wait_for_timeout(1500)
 
     def plotted(self):

@@ -86,7 +86,7 @@ def test_what_is_clicked_gets_arrows_that_move_it_along_an_axis(open_scene):
     bench.page.mouse.click(*bench.pixel(centre + height))
     bench.says("is taken")
     bench.page.wait_for_timeout(1500)
-    arrow = np.array(session.gizmo.position) + [0.12, 0.0, 0.0]
+    arrow = np.array(session.pointer.gizmo.position) + [0.12, 0.0, 0.0]
     bench.drag(arrow, arrow + [0.08, 0.03, 0.0])
     bench.until(lambda: session.history.at == 1)
     bench.settle()
@@ -130,21 +130,21 @@ def test_it_plays_pauses_and_is_scrubbed(open_scene):
     bench = open_scene("narrow")
     bench.settle()
     session = bench.session
-    first = session.time
-    bench.until(lambda: session.time != first)
+    first = session.player.time
+    bench.until(lambda: session.player.time != first)
     bench.press("Pause")
-    bench.until(lambda: not session.playing)
-    stopped = session.time
+    bench.until(lambda: not session.player.playing)
+    stopped = session.player.time
     bench.page.wait_for_timeout(400)
-    assert session.time == stopped
+    assert session.player.time == stopped
     slider = bench.page.get_by_role("slider").first
     slider.focus()
     slider.press("Home")
-    bench.until(lambda: session.time == 0.0)
+    bench.until(lambda: session.player.time == 0.0)
     slider.press("End")
-    bench.until(lambda: session.time == pytest.approx(10.0, abs=0.02))
+    bench.until(lambda: session.player.time == pytest.approx(10.0, abs=0.02))
     bench.press("Play")
-    bench.until(lambda: session.playing)
+    bench.until(lambda: session.player.playing)
 
 
 def test_a_limit_is_changed_and_kept(open_scene):

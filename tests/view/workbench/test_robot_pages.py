@@ -56,7 +56,7 @@ def test_arms_are_drawn_once_and_follow_what_is_dragged(opened):
     to = place_of(session.history.now.contents, grip) + [0.03, 0.0, 0.0]
     on_loop(session, session.move, grip, to, None, last=True)
     page.verdict("The search is done", timeout=600)
-    assert session.solved == session.asked
+    assert session.link.solved == session.link.asked
     after = session.stage.recording
     assert after is not before and not session.stage.pale
     assert "share of torques" in session.panels.measures.content

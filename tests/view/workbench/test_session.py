@@ -89,7 +89,7 @@ def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved
     grip = grips_of(session.scene)[0]
     to = place_of(session.history.now.contents, grip) + [0.0, -0.03, 0.0]
     on_loop(session, session.move, grip, to, None, last=True)
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     np.testing.assert_allclose(session.scene.centers[0], to, atol=1e-6)
     assert session.stage.recording is not before
     assert not session.stage.pale
@@ -130,7 +130,7 @@ def test_just_the_obstacle_that_is_named_is_coloured(opened):
     assert "obstacles\\[0] (box)" in page.verdict("No verified motion")
     assert [tuple(handle.color) == BLOCKS for handle in session.stage.obstacles] == [True, False]
     on_loop(session, session.changed, "undo", True)
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     assert not any(tuple(handle.color) == BLOCKS for handle in session.stage.obstacles)
 
 
@@ -138,13 +138,13 @@ def test_just_the_obstacle_that_is_named_is_coloured(opened):
 def test_an_obstacle_is_led_while_the_load_goes_and_what_happened_is_judged_and_saved(opened):
     page, session, folder = opened
     on_loop(session, session.changed, "duration", 5.0)
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     on_loop(session, session.changed, "run", True)
     assert session.live
     place = session.scene.centers[1] + [-0.1, 0.05, 0.0]
     on_loop(session, session.link.lead, 1, place.tolist())
     soon(lambda: not session.live)
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     ran = session.stage.recording
     np.testing.assert_allclose(session.scene.centers[1] + ran.offsets[-1, 1], place, atol=1e-6)
     assert not ran.offsets[:, 0].any()
@@ -161,7 +161,7 @@ def test_a_run_is_stopped_by_its_button_and_by_a_change(opened):
     on_loop(
         session, session.changed, "duration", 60.0
     )  # far longer than a busy machine takes to press the button
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     on_loop(session, session.changed, "run", True)
     page.verdict("the load follows")
     on_loop(session, session.changed, "run", True)
@@ -171,7 +171,7 @@ def test_a_run_is_stopped_by_its_button_and_by_a_change(opened):
     on_loop(session, session.changed, "run", True)
     on_loop(session, session.changed, "duration", 6.0)
     assert not session.live
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     assert session.stage.recording.time[-1] == pytest.approx(6.0)
 
 
@@ -190,15 +190,15 @@ def test_a_box_is_added_resized_and_removed_and_all_of_it_undone(opened):
     _, session, _ = opened
     n_before = len(session.scene.file.obstacles)
     on_loop(session, session.changed, "add box", True)
-    assert session.selected.number == n_before
+    assert session.pointer.selected.number == n_before
     assert session.panels.controls["remove"].visible and session.panels.controls["first size"].visible
     on_loop(session, session.changed, "first size", 0.02)
     on_loop(session, session.changed, "second size", 0.03)
     box = session.scene.file.obstacles[n_before]
     assert box.name == "box_1" and tuple(box.size) == (0.02, 0.03)
-    assert session.selected.number == n_before, "what is resized stays taken"
+    assert session.pointer.selected.number == n_before, "what is resized stays taken"
     on_loop(session, session.changed, "remove", True)
-    assert len(session.scene.file.obstacles) == n_before and session.selected is None
+    assert len(session.scene.file.obstacles) == n_before and session.pointer.selected is None
     assert not session.panels.controls["remove"].visible
     on_loop(session, session.changed, "undo", True)
     assert len(session.scene.file.obstacles) == n_before + 1
@@ -249,7 +249,7 @@ def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
         on_loop(session, session._drawn, stroke, point, last=share == 1.0)
         time.sleep(0.02)
     assert session.history.now.taught is not None
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     after = session.stage.recording.center
     assert np.abs(after - before).max() > 0.1, "the load moves as was drawn"
     assert after[:, 1].min() < 0.35
@@ -260,7 +260,7 @@ def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
     on_loop(session, session.changed, "keep", True)
     assert comove.Library(folder / "library").names == ("wave",)
     assert session.history.now.contents["demonstration"]["library"] == "wave"
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     assert np.abs(session.stage.recording.center - after).max() < 0.05, (
         "the primitive in the library is what was drawn"
     )
@@ -290,13 +290,13 @@ def test_a_stored_result_stands_beside_another_on_one_clock(two_stored):
     assert session.end == session.panels.controls["time"].max == 14.0
     on_loop(session, session.changed, "time", 13.0)
     on_loop(session, session.changed, "duration", 7.0)
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     assert session.comparison.stage.recording is other, (
         "what is stored stays when the scene beside it changes"
     )
     on_loop(session, session.changed, "beside", "nothing")
     assert session.end == session.panels.controls["time"].max == 7.0
-    assert session.time <= 7.0
+    assert session.player.time <= 7.0
 
 
 @pytest.mark.slow
@@ -306,7 +306,7 @@ def test_what_is_held_stays_while_the_scene_changes(opened):
     held = session.comparison.stage.recording
     assert held is session.stage.recording
     on_loop(session, session.changed, "duration", 7.0)
-    soon(lambda: session.solved == session.asked)
+    soon(lambda: session.link.solved == session.link.asked)
     assert session.comparison.stage.recording is held
     assert session.stage.recording.time[-1] == pytest.approx(7.0)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from comove.errors import ComoveWarning, near_name
+from comove.errors import ComoveWarning, SceneError, near_name
 from comove.io.folders import scene_folder
 from comove.io.keys import (
     HAND,
@@ -381,10 +381,17 @@ def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
 
 def read_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> tuple[SceneFile, Words]:
     """Read a scene file as `load_scene_file`, with its key names."""
-    data, lines = read_yaml(path)
-    data = _changed(data, changes or {})
-    folder = scene_folder(Path(path))
-    return parsed(data, folder=folder, file=path, lines=lines, is_stored=folder != Path(path).parent)
+    try:
+        data, lines = read_yaml(path)
+        data = _changed(data, changes or {})
+        folder = scene_folder(Path(path))
+        return parsed(data, folder=folder, file=path, lines=lines, is_stored=folder != Path(path).parent)
+    except SceneError:
+        from comove.io.kinds import Kind, misnamed
+
+        if (found := misnamed(Path(path), Kind.SCENE)) is None:
+            raise
+        raise SceneError(found[0], file=path, way_out=found[1]) from None
 
 
 def _changed(data: Any, changes: Mapping[str, Any]) -> Any:

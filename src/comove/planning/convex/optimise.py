@@ -76,8 +76,8 @@ def optimise(
                 break
             continue
         outcome.programmes += trial.programmes
-        ahead = programme.moves @ trial.dz - here.off[programme.watched].ravel()
-        size = float(np.abs(ahead / programme.scale).max())
+        ahead = programme.watched.moves @ trial.dz - here.off[programme.watched.at].ravel()
+        size = float(np.abs(ahead / programme.watched.scale).max())
         first = not np.isfinite(here.missed)
         actual = here.value - trial.value + mu * (here.missed - trial.missed)
         restoring = trial.predicted <= 0 and trial.missed <= here.missed and trial.value < 1.01 * here.value
@@ -176,17 +176,17 @@ def stand(
     reference: Array | None = None,
 ) -> Stand:
     """Evaluate and linearise the problem at weights `z`. Clearances are those at a near `reference`, if given."""
-    q = p.coarse.q(z)
-    nodes, hands = p.hands(q)
+    q = p.curves.coarse.q(z)
+    nodes, hands = p.curves.hands(q)
     moves = p.moves_of_hands(q, nodes)
     square, gradient = cost.normal_equations(hands, moves)
-    lengths, rows = p.gauge(q, settings.gauge), p.moves_of_gauge(q, settings.gauge)
+    lengths, rows = p.gauge.lengths(q, settings.gauge), p.gauge.moves(p.curves, q, settings.gauge)
     square, gradient = square + rows.T @ rows, gradient + rows.T @ lengths
-    square.flat[:: p.n + 1] += 1e-9 * np.trace(square) / p.n
+    square.flat[:: p.curves.n + 1] += 1e-9 * np.trace(square) / p.curves.n
     whiten = inverse_of_lower(np.linalg.cholesky(square))
     gradient = whiten @ gradient
-    own = p.fine.q(z)
-    cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
+    own = p.curves.fine.q(z)
+    cutoff = max(settings.margin + 0.005, settings.wish) + p.curves.scene.clearance + 1.8 * radius
     seen = p.look(own if reference is None else reference, cutoff, need)
     missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
     pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
@@ -215,7 +215,7 @@ def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings, need: Array)
     if settings.wish <= 0:
         return 0.0
     n = p.load.n_owners
-    unmet = 1.0 - (need[:n] - p.scene.clearance - seen.depth[:n]) / settings.wish
+    unmet = 1.0 - (need[:n] - p.curves.scene.clearance - seen.depth[:n]) / settings.wish
     unmet = np.minimum(np.maximum(unmet, 0.0), 1.0)
     return float(unmet @ unmet)
 
@@ -245,7 +245,7 @@ def step(
     """Compute a step, corrected where its trial is too near. None on failure, or when the search is over."""
     rows, bound, owner = p.linear(here.seen, here.off, need)
     clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
-    trust = Trust(p.moves, here.off[p.watched].ravel(), radius * p.scale)
+    trust = Trust(p.watched.moves, here.off[p.watched.at].ravel(), radius * p.watched.scale)
     hasty = cost.haste > 0
     worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
     duration = cost.haste if hasty else mu * settings.limit
@@ -265,8 +265,8 @@ def step(
         gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
         gain -= cost.haste * slower
         own, hands = p.value(cost, here.z + dz, settings.gauge)
-        near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
-        there = p.look(p.fine.q(here.z + dz), near, need)
+        near = max(settings.margin + 1e-3, settings.wish) + p.curves.scene.clearance
+        there = p.look(p.curves.fine.q(here.z + dz), near, need)
         value = own + worth * (_wish(p, there, settings, need) - here.wish)
         missed = p.missed(there, hands, settings, cost)
         near_enough = missed == 0.0

@@ -40,17 +40,18 @@ def warped(
     heights = -np.linalg.solve(square, gradient)
     if -gradient @ heights < settings.gain * value:  # the gain that it promises
         return z
-    t = np.linspace(0.0, 1.0, len(programme.fine.base))
+    curves = programme.curves
+    t = np.linspace(0.0, 1.0, len(curves.fine.base))
     shift = _waves(len(t), warp.n_waves) @ heights
     shift *= min(1.0, warp.steepest / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
-    way, rate = programme.fine.q(z), programme.fine_rate.q(z)
-    near = settings.margin + 1e-3 + programme.scene.clearance
+    way, rate = curves.fine.q(z), curves.fine_rate.q(z)
+    near = settings.margin + 1e-3 + curves.scene.clearance
     for share in warp.shares:
-        later = programme.fit(interpolated(way, rate, t + share * shift), warp.ridge)
+        later = curves.fit(interpolated(way, rate, t + share * shift), warp.ridge)
         cheaper, hands = programme.value(cost, later, settings.gauge)
         if cheaper > (1 - settings.gain) * value:
             continue
-        seen = programme.look(programme.fine.q(later), near, programme.need(settings))
+        seen = programme.look(curves.fine.q(later), near, programme.need(settings))
         if programme.missed(seen, hands, settings, cost) == 0.0:
             return later
     return z

@@ -35,10 +35,12 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.motion import approach_shares
 from comove.robots.online.arm_rows import ArmRows, JointSettings
+from comove.robots.online.course_finder import CourseFinder
 from comove.robots.online.pilot import Pilot, PilotSettings, movers
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
 from comove.robots.online.reference import MotionReference
 from comove.robots.search.chains import Iteration
+from comove.robots.search.following import Arms
 from comove.robots.search.tracking import tracked
 from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -132,6 +134,8 @@ class JointExecutor(ControlLoop):
         obstacles.
     """
 
+    settings: OnlineSettings
+
     def __init__(
         self,
         scene: Scene,
@@ -142,39 +146,37 @@ class JointExecutor(ControlLoop):
         settings: OnlineSettings = OnlineSettings(),
     ):
         require_no_rest(scene)
-        self.robot, self.settings = robot, settings
         if isinstance(observer, Clouds):
             way_out = "name what moves in the scene, and give Observed(scene), which takes measured places"
             raise OptionError(
                 "arms keep clear of what a scene names, not of clouds", key="observer", way_out=way_out
             )
         begun = clock.perf_counter()
-        self.plan = self._first_plan(scene, seed)
+        self.plan = self._first_plan(scene, robot, settings, seed)
         planned, scene = clock.perf_counter() - begun, scene.held_as_in(self.plan.scene)
         standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
-        self.arms, grasp = self.carrier.arms, self.carrier.grasp
-        super().__init__(
-            scene, Functions.of_motions(scene) if observer is None else observer, settings.period
-        )
-        self.catch_up, self.at_goal, self.at_rest = settings.catch_up, settings.at_goal, settings.at_rest
+        observer = Functions.of_motions(scene) if observer is None else observer
+        super().__init__(scene, observer, settings.period, settings)
         self.log.note_plan(planned)
         self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
-        self.rows = ArmRows(scene, self.arms, grasp, settings.period, settings.joints)
+        arms = self.carrier.arms
+        self.rows = ArmRows(scene, arms, self.carrier.grasp, settings.period, settings.joints)
         self.filter = SafetyFilter(scene, settings.period, settings.filter, self.rows)
         self._follow_plan()
         stands = ~scene.moving[scene.owners]
-        self.replanner = self.pilot = Pilot(
+        finder = CourseFinder(
             standing,
-            self.arms,
+            arms,
             self.plan.motion.motion.coordinates,
             MotionReference.of_plan(self.plan, self.columns, settings.pilot.reference),
             self.rows.needs._replace(obstacle=self.rows.needs.obstacle[stands]),
             goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
             seed=seed,
-            settings=settings.pilot,
+            settings=settings.pilot.finder,
         )
+        self.replanner: Pilot = Pilot(finder, settings.pilot)
         self._rehearse()
         self._stand_at_start()
 
@@ -184,14 +186,14 @@ class JointExecutor(ControlLoop):
         log, self.log = self.log, ExecutionLog()
         self._advance(0.0)
         if self.scene.moving.any():
-            self.pilot.prepare(movers(self.scene, self.observer.observe(0.0)))
+            self.replanner.prepare(movers(self.scene, self.observer.observe(0.0)))
         self.log = log
 
     def _stand_at_start(self) -> None:
         """Rest at the beginning of the plan."""
         self.position = self.plan.joints.position[0].copy()
         self._hold_at(poses_of(self.scene, "start"), self.position[self.columns])
-        self.pilot.waited = self.pilot.clock = 0.0
+        self.replanner.waited = self.replanner.clock = 0.0
         self._recovery: Recovery | None = None
 
     def _hold_at(self, poses: HandPoses, joints: Array) -> None:
@@ -199,6 +201,16 @@ class JointExecutor(ControlLoop):
         self._stop_at(poses)
         self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
         self.position[self.columns] = joints
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self.carrier.robot
+
+    @property
+    def arms(self) -> Arms:
+        """Return its arms, as kernels take them."""
+        return self.rows.arms
 
     @property
     def joints(self) -> Array:
@@ -302,7 +314,7 @@ class JointExecutor(ControlLoop):
         if missed.max() > HOLDING.tolerance:
             raise self._cannot_go_on()
         self._hold_at(poses, solved)
-        self.pilot.stand(self.pilot.present(self))
+        self.replanner.stand(self.replanner.present(self))
         self._recovery = None
         self.tell("it goes on from where it stands")
 
@@ -336,7 +348,7 @@ class JointExecutor(ControlLoop):
     def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
         """Return the joints, and rates that lead them to the reference."""
         how = self.settings
-        passes = self.pilot.is_clear and self._behind <= how.near_by
+        passes = self.replanner.is_clear and self._behind <= how.near_by
         self.filter.passing(how.joints.passing if passes else 1.0)
         drawn = pace * reference.rates + (reference.joints - self.joints) / how.catch_up
         return JointState(self.joints, self.rates, drawn, self._bend)
@@ -368,9 +380,10 @@ class JointExecutor(ControlLoop):
         self.rates = (following - joints) / period
         self.position[self.columns] = following
 
-    def _first_plan(self, scene: Scene, seed: int) -> VerifiedJointMotion:
-        budget = Budget(work=self.settings.leisure)
-        found = solve_joints(scene.standing(), self.robot, seed=seed, budget=budget)
+    @staticmethod
+    def _first_plan(scene: Scene, robot: Robot, settings: OnlineSettings, seed: int) -> VerifiedJointMotion:
+        budget = Budget(work=settings.leisure)
+        found = solve_joints(scene.standing(), robot, seed=seed, budget=budget)
         if found.joints.motion is None:
             raise RobotError(
                 f"no carry is found among what stands: {found.reasons[0]}",

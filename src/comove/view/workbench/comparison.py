@@ -45,7 +45,6 @@ class Comparison:
         self.chosen = NOTHING
         self.stage: Stage | None = None
         self._link: Link | None = None
-        self._asked = -1
 
     def choose(self, choice: Any, first: Stage, draft: Draft, folder: Path) -> None:
         """Show another method's motion, the present one, a stored one, or nothing.
@@ -58,7 +57,7 @@ class Comparison:
         if choice not in CHOICES and choice not in self.items:
             return
         self.close()
-        self.chosen, self.stage, self._asked = choice, None, -1
+        self.chosen, self.stage = choice, None
         first.api.remove_by_name(BESIDE)
         first.name("")
         self.panels.beside.content = ""
@@ -101,7 +100,7 @@ class Comparison:
         if self._link is None or self._link.folder != folder:
             self.close()
             self._link = Link(folder, on_loop(self.loop, self._answered))
-        self._asked = self._link.submit(draft, self.times, item=item)
+        self._link.submit(draft, self.times, item=item)
         doing = "is searching" if item is None or item.result is None else "is verified"
         self.panels.beside.content = f"**{plain_text(self.chosen)}** {doing} ..."
 
@@ -111,7 +110,7 @@ class Comparison:
             return
         if kind == "robot" and stage.robot is None and stage.scene.file.robot is not None:
             stage.draw_robot(message["bodies"], message["home"])
-        if message["id"] != self._asked:
+        if message["id"] != link.asked:
             return
         failed, reasons = kind == "failed", message.get("reasons", ())
         words = verdict_words(kind, reasons, message.get("verified_after"), message.get("verdict", ""))

@@ -30,17 +30,23 @@ def on_loop(loop: asyncio.AbstractEventLoop, answered: Answered) -> Answered:
 
 
 class Link:
-    """Planner in a process of its own.
+    """A planner in a process of its own.
 
     Parameters
     ----------
     folder : folder to which paths in drafts are relative
-    answered : function that is called with this link and every answer, from a thread of its own; finally with
-        `{"kind": "ended"}`
+    answered : function that is called with this link and every answer, from a thread of its own; with
+        `{"kind": "ended"}` at last
+
+    Attributes
+    ----------
+    asked, answered, solved : numbers of the newest draft that was sent, of the newest that was answered, and of the
+        newest with a final answer; -1 before
     """
 
     def __init__(self, folder: Path, answered: Answered):
         self.folder, self._answered = folder, answered
+        self.asked = self.answered = self.solved = -1
         self._numbers = itertools.count()
         self._mailbox = Mailbox()
         self._process, self._connection = start_process(
@@ -57,23 +63,23 @@ class Link:
 
     def submit(
         self, draft: Draft, times: SearchTimes, *, dragging: bool = False, item: Item | None = None
-    ) -> int:
-        """Send a draft, which replaces the one before; return its number. Answers hold this number.
+    ) -> None:
+        """Send a draft, which replaces the one before; answers name it by the number `asked`.
 
         Parameters
         ----------
-        dragging : whether further drafts follow at once: then a motion that is still verified suffices
-        item : part of a result folder that is requested instead of a search
+        dragging : whether more will follow at once: a motion that is still verified is then good enough
+        item : what of a result folder is wanted instead of a search
         """
         if item is not None:
             item = item.absolute()
-        return self._put(
+        self.asked = self._put(
             "draft", folder=self.folder.absolute(), draft=draft, times=times, dragging=dragging, item=item
         )
 
-    def run(self, draft: Draft) -> int:
-        """Request a step-by-step execution of a draft; return its number. Answers hold this number."""
-        return self._put("run", folder=self.folder.absolute(), draft=draft)
+    def run(self, draft: Draft) -> None:
+        """Ask for a draft to be executed step by step; answers name it by the number `asked`."""
+        self.asked = self._put("run", folder=self.folder.absolute(), draft=draft)
 
     def lead(self, obstacle: int, place: Sequence[float]) -> None:
         """Send the position to which an obstacle is dragged [m]."""
@@ -83,9 +89,9 @@ class Link:
         """Stop the run."""
         self._put("halt")
 
-    def drop(self) -> int:
+    def drop(self) -> None:
         """Return an unused number for an invalid scene. Answers to earlier drafts are thereby outdated."""
-        return next(self._numbers)
+        self.asked = next(self._numbers)
 
     def save(self, of: int, target: Path, seed: int = 0) -> int:
         """Request that a draft's result is saved; return the request's number."""

@@ -28,7 +28,6 @@ from comove.view.workbench.edits import (
     History,
     contents_of,
     moved,
-    place_of,
     with_box,
     with_size,
     with_value,
@@ -38,6 +37,8 @@ from comove.view.workbench.link import Link, on_loop
 from comove.view.workbench.live import State
 from comove.view.workbench.panels import Panels
 from comove.view.workbench.playback import RecordedMotion
+from comove.view.workbench.player import Player, PlayerSettings
+from comove.view.workbench.pointer import Pointer, on_plane
 from comove.view.workbench.protocol import Message, SearchTimes
 from comove.view.workbench.saving import save_scene, target_in
 from comove.view.workbench.shelf import Item, Shelf, read_scene
@@ -56,36 +57,21 @@ class PageSettings:
 
     Attributes
     ----------
-    hands, arms : times of searches for end effectors alone, and for the arms of a robot, which takes longer
-    beside : times of a search by another method, whose motion is shown beside
-    most_pages : largest number of pages at once, as each has a planner
-    frame : time between states during playback [s]
-    pointed : frames between moves of the line in the plots, as every move sends the whole plot
-    end_pause : pause at the end before playback restarts [s]
+    hands, arms : times of searches where hands move alone, and where the arms of a robot follow, which takes longer
+    beside : times of a search by another method, whose motion stands beside
+    most_pages : pages that are served at once, as each has a planner
+    player : settings of the clock by which motions are played
     """
 
     hands: SearchTimes = field(default_factory=SearchTimes)
     arms: SearchTimes = field(default_factory=lambda: SearchTimes(budget=15.0, patience=1.5))
     beside: SearchTimes = field(default_factory=lambda: SearchTimes(budget=20.0))
     most_pages: int = 6
-    frame: float = 1 / 30
-    pointed: int = 6
-    end_pause: float = 0.7
+    player: PlayerSettings = field(default_factory=PlayerSettings)
 
     def times_of(self, scene: Scene) -> SearchTimes:
         """Return the times of a search in a scene."""
         return self.hands if scene.file.robot is None else self.arms
-
-
-@dataclass
-class Hold:
-    """Drag in progress. It holds the grip, the contents and position before, and where it was grabbed."""
-
-    grip: Grip
-    contents: dict[str, Any]
-    place: Array
-    taken: Array
-    quaternion: Array
 
 
 class Session:
@@ -114,18 +100,19 @@ class Session:
         self.comparison = Comparison(loop, self.panels, beside, self._stretch, settings.beside)
         self.stage: Stage
         self.link: Link
-        self.gizmo: Any = None
-        self.tool: Any = None
-        self.selected: Grip | None = None
-        self.held: Hold | None = None
-        self.playing, self.live, self.pace, self.time = True, False, 1.0, 0.0
-        self.closed = False
+        self.pointer, self.live = Pointer(), False
+        self.player = Player(self._playable, self._play, settings.player)
         first = shelf.items[shelf.first]
         self._begin(first, read_scene(first.scene))
         if shelf.beside is not None:
             self.panels.controls["beside"].value = shelf.label(shelf.beside)
             self._compare(shelf.label(shelf.beside))
-        self._player = loop.create_task(self._play())
+        self.player.start(loop)
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene that is shown."""
+        return self.stage.scene
 
     # --- scenes ---
 
@@ -136,7 +123,7 @@ class Session:
         item = self.shelf.items[name]
         scene = read_scene(item.scene)
         self.link.close()
-        self.time, self.selected, self.note = 0.0, None, ""
+        self.player.time, self.pointer.selected, self.note = 0.0, None, ""
         if self.live:
             self._end_run()
         self.client.scene.remove_by_name(ROBOT)
@@ -146,7 +133,6 @@ class Session:
         """Show an item with a planner and a history of its own."""
         self.link = Link(item.scene.parent, on_loop(self.loop, self._answered))
         self.history = History((Draft(contents_of(scene)),))
-        self.asked, self.answered, self.solved = -1, -1, -1
         self._lay(scene)
         self._look()
         self._ask(item=item)
@@ -158,11 +144,10 @@ class Session:
         ----------
         before : stage of the same scene before its change
         """
-        selected, self.gizmo, self.selected, self.tool = self.selected, None, None, None
+        selected = self.pointer.forget()
         shown = before.recording if before is not None else None
         again = before is not None and before.scene.manipulators == scene.manipulators
         clear(self.client.scene)
-        self.scene = scene
         self.stage = Stage(self.client.scene, scene, robot=None if before is None else before.robot)
         self.stage.draw_scene(demonstrated(scene, self.history.now.taught))
         grips = self.stage.grips()
@@ -170,7 +155,7 @@ class Session:
             self._make_draggable(grip, handle)
         if selected is not None and selected in grips:
             self._show_gizmo(selected, grips[selected])
-        self.panels.fill(self.history.now, scene, self.selected)
+        self.panels.fill(self.history.now, scene, self.pointer.selected)
         alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
         if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
             self.stage.draw_motion(shown, pale=True)
@@ -213,41 +198,18 @@ class Session:
         if self.live and grip.kind != "obstacle":
             return
         drawn = np.array(handle.position, dtype=float) if self.live else None
-        held = self._held_by(event, grip, drawn, np.array(event.start_position, dtype=float), UNTURNED)
-        to, last = self._pointed(held, event), event.phase == "end"
+        taken = np.array(event.start_position, dtype=float)
+        held = self.pointer.hold(event, grip, self.history.now.contents, taken, UNTURNED, drawn)
+        to = held.pointed(event, self.client.camera.position, self.scene.n_dims == 2)
+        last = event.phase == "end"
         if self.live:
             if to is not None:
                 self.link.lead(grip.number, to.tolist())
-            self.held = None if last else held
+            self.pointer.held = None if last else held
         elif to is not None:
             lift = self.stage.lift if grip.kind != "obstacle" else 0.0
             handle.position = tuple(to + [0.0, 0.0, lift])
             self.move(grip, to, None, last=last)
-
-    def _held_by(self, event: Any, grip: Grip, drawn: Array | None, taken: Array, quaternion: Array) -> Hold:
-        """Return the drag of an event, new where one begins.
-
-        Parameters
-        ----------
-        drawn : position where the grip is drawn, if that is not its position in the draft [m]
-        taken, quaternion : position of the pointer [m], and orientation of the element under it
-        """
-        if event.phase == "start" or self.held is None or self.held.grip != grip:
-            contents = self.history.now.contents
-            place = place_of(contents, grip) if drawn is None else drawn
-            self.held = Hold(grip, contents, place, taken, quaternion)
-        return self.held
-
-    def _pointed(self, held: Hold, event: Any) -> Array | None:
-        """Return the position to which the pointer drags; None without one."""
-        planar, pointer = self.scene.n_dims == 2, np.array(event.end_position, dtype=float)
-        through = _on_plane(self.client.camera.position, pointer, held.taken[2]) if planar else pointer
-        if through is None or not np.isfinite(through).all():
-            return None
-        to = held.place + through - held.taken
-        if planar:
-            to[2] = 0.0
-        return to
 
     def move(self, grip: Grip, to: Array, turn: Array | None, *, last: bool) -> None:
         """Move a grip relative to the drag's beginning; request the motion.
@@ -257,25 +219,24 @@ class Session:
         to, turn : as in `comove.view.workbench.edits.moved`
         last : whether the drag ends
         """
-        before = self.held.contents if self.held is not None else self.history.now.contents
+        held, now = self.pointer.held, self.history.now
+        before = now.contents if held is None else held.contents
         try:
-            draft = self.history.now.with_contents(moved(before, grip, to, turn))
+            draft = now.with_contents(moved(before, grip, to, turn))
         except ComoveError as error:
             self.panels.say(verdict_words("failed", [str(error)]))
             return
         if last:
-            self.held = None
+            self.pointer.held = None
             self.commit(draft)
         else:
             self._ask(draft, dragging=True)
 
     def _show_gizmo(self, grip: Grip, handle: Any) -> None:
         """Show arrows and rings at a clicked element."""
-        if self.gizmo is not None:
-            self.gizmo.remove()
-        self.selected = grip
+        self.pointer.let_go()
         planar = self.scene.n_dims == 2
-        self.gizmo = self.client.scene.add_transform_controls(
+        gizmo = self.client.scene.add_transform_controls(
             "/gizmo",
             scale=0.16 * self.stage.side,
             active_axes=(True, True, not planar),
@@ -283,6 +244,7 @@ class Session:
             depth_test=False,
             position=tuple(handle.position),
         )
+        self.pointer.selected, self.pointer.gizmo = grip, gizmo
         self.panels.taken.content = (
             f"**{plain_text(self._name(grip))}** is taken: arrows move it, rings turn it."
         )
@@ -291,14 +253,14 @@ class Session:
         async def updated(event: Any) -> None:
             self._turned(grip, handle, event)
 
-        self.gizmo.on_update(updated)
+        gizmo.on_update(updated)
 
     def _turned(self, grip: Grip, handle: Any, event: Any) -> None:
         if self.live:
             return
         place = np.array(event.target.position, dtype=float)
         turn = np.array(event.target.wxyz, dtype=float)
-        held = self._held_by(event, grip, None, place, turn)
+        held = self.pointer.hold(event, grip, self.history.now.contents, place, turn)
         by = quaternion_product(turn, conjugate(held.quaternion))
         by_turn = by if grip.turns and abs(by[0]) < 1 - 1e-12 else None
         to = held.place + place - held.taken
@@ -322,16 +284,16 @@ class Session:
         if self.stage.recording is None:
             self.panels.ran.content = "Wait for a motion first."
             return
-        self._put_down()
+        self.pointer.put_down()
         self.stage.draw_run()
-        self.live, self.held = True, None
-        self.asked = self.link.run(self.history.now)
+        self.live, self.pointer.held = True, None
+        self.link.run(self.history.now)
         self.panels.show_run(True)
         self.panels.say(verdict_words("running"))
 
     def _go(self, message: Message) -> None:
         """Show a state of the run."""
-        if not self.live or message["id"] != self.asked:
+        if not self.live or message["id"] != self.link.asked:
             return
         state: State = message["state"]
         with self.client.atomic():
@@ -340,46 +302,46 @@ class Session:
         self.panels.ran.content = f"{state.time:.1f} s: the load {plan}."
 
     def _end_run(self) -> None:
-        self.live, self.held = False, None
+        self.live, self.pointer.held = False, None
         self.panels.show_run(False)
 
     # --- teaching ---
 
     def _draw(self, _: Any) -> None:
         """Start drawing a demonstration, on a sheet or by arrows."""
-        self._put_down()
+        self.pointer.put_down()
         stroke = Stroke(self.scene.n_dims)
         self.panels.taught.content = "**Draw now**, in one go, from the start to the goal."
         if self.scene.n_dims == 2:
-            self.tool = self.stage.sheet()
+            self.pointer.tool = self.stage.sheet()
 
             async def drawn(event: Any) -> None:
                 end = np.array(event.end_position, dtype=float)
-                point = _on_plane(self.client.camera.position, end, event.start_position[2])
+                point = on_plane(self.client.camera.position, end, event.start_position[2])
                 self._drawn(stroke, point, last=event.phase == "end")
 
-            self.tool.on_drag(drawn)
+            self.pointer.tool.on_drag(drawn)
             return
         middle = tuple(self.scene.start.mean(axis=0))
-        self.tool = self.client.scene.add_transform_controls(
+        self.pointer.tool = self.client.scene.add_transform_controls(
             "/hand", scale=0.2 * self.stage.side, disable_rotations=True, depth_test=False, position=middle
         )
 
         async def led(event: Any) -> None:
             self._drawn(stroke, np.array(event.target.position, dtype=float), last=event.phase == "end")
 
-        self.tool.on_update(led)
+        self.pointer.tool.on_update(led)
 
     def _drawn(self, stroke: Stroke, point: Array | None, *, last: bool) -> None:
         """Add a point of a demonstration; after the last, learn it."""
-        if self.tool is None:
+        if self.pointer.tool is None:
             return
         if point is not None:
             stroke.add(time.monotonic(), point)
             self.stage.draw_stroke(stroke.rows)
         if not last:
             return
-        self._put_down()
+        self.pointer.put_down()
         try:
             taught = stroke.taught(self.stage.side)
         except ComoveError as error:
@@ -391,13 +353,8 @@ class Session:
         )
         self.commit(replace(self.history.now, taught=taught))
 
-    def _put_down(self) -> None:
-        if self.tool is not None:
-            self.tool.remove()
-            self.tool = None
-
     def _forget(self, _: Any) -> None:
-        self._put_down()
+        self.pointer.put_down()
         self.panels.taught.content = "The scene's own demonstration counts again."
         self.commit(replace(self.history.now, taught=None))
 
@@ -427,7 +384,7 @@ class Session:
         except ComoveError as error:
             self.stage.fade()
             self.stage.blame(*named_in(self.scene, [str(error)]))
-            self.asked = self.link.drop()
+            self.link.drop()
             self.panels.say(verdict_words("failed", [str(error)]))
             return
         self._lay(scene, self.stage)
@@ -437,7 +394,7 @@ class Session:
         if self.live:
             self._end_run()
         times = self.settings.times_of(self.scene)
-        self.asked = self.link.submit(draft or self.history.now, times, dragging=dragging, item=item)
+        self.link.submit(draft or self.history.now, times, dragging=dragging, item=item)
         self.stage.blame()
         if not dragging:
             self.panels.say(verdict_words("waiting"))
@@ -457,8 +414,9 @@ class Session:
         if name in VALUES:
             self.commit(draft.with_contents(with_value(draft.contents, name, value)))
         elif name in SIZES:
-            if self.selected is not None and self.selected.kind == "obstacle":
-                changed = with_size(draft.contents, self.selected.number, SIZES.index(name), value)
+            grip = self.pointer.selected
+            if grip is not None and grip.kind == "obstacle":
+                changed = with_size(draft.contents, grip.number, SIZES.index(name), value)
                 self.commit(draft.with_contents(changed))
         elif name in ("method", "objective", "resemblance"):
             self.commit(replace(draft, **{name: value}))
@@ -473,32 +431,27 @@ class Session:
                 self._show_gizmo(grip, handle)
 
     def _remove(self, _: Any) -> None:
-        grip = self.selected
+        grip = self.pointer.selected
         if grip is not None and grip.kind == "obstacle":
-            self._let_go()
+            self.pointer.let_go()
             draft = self.history.now
             self.commit(draft.with_contents(without_obstacle(draft.contents, grip.number)))
-
-    def _let_go(self) -> None:
-        if self.gizmo is not None:
-            self.gizmo.remove()
-        self.gizmo, self.selected = None, None
 
     def _go_to(self, history: History) -> None:
         self.history = history
         self._renew()
 
     def _toggle(self, _: Any) -> None:
-        self.playing = not self.playing
-        self.panels.controls["play"].label = "Pause" if self.playing else "Play"
+        self.player.playing = not self.player.playing
+        self.panels.controls["play"].label = "Pause" if self.player.playing else "Play"
 
     def _set_pace(self, value: Any) -> None:
         with suppress(ValueError, AttributeError):
-            self.pace = min(max(float(value.rstrip("x")), 0.1), 10.0)
+            self.player.pace = min(max(float(value.rstrip("x")), 0.1), 10.0)
 
     def _scrub(self, value: Any) -> None:
         if isinstance(value, (int, float)) and np.isfinite(value):
-            if self.playing:
+            if self.player.playing:
                 self._toggle(True)
             self._show(float(value))
 
@@ -510,12 +463,12 @@ class Session:
 
     def _save_result(self, _: Any) -> None:
         path = target_in(self.shelf.folder, self.panels.controls["name"].value)
-        if self.solved != self.asked:
+        if self.link.solved != self.link.asked:
             self.panels.saved.content = (
                 "There is no verified motion of this scene to save yet; wait for the search."
             )
             return
-        self.link.save(self.solved, path, self.history.now.seed)
+        self.link.save(self.link.solved, path, self.history.now.seed)
 
     _controls: Mapping[str, Callable[[Session, Any], None]] = {
         "undo": lambda self, _: self._go_to(self.history.undone()),
@@ -540,7 +493,7 @@ class Session:
 
     def _answered(self, link: Link, message: Message) -> None:
         kind = message["kind"]
-        if self.closed or link is not self.link:
+        if self.player.closed or link is not self.link:
             return
         if kind in ("compiling", "ended"):
             if kind == "ended" or not message["is_over"]:
@@ -563,12 +516,12 @@ class Session:
     def _answered_draft(self, message: Message) -> None:
         """Show the planner's answer to a draft, unless outdated."""
         number, kind = message["id"], message["kind"]
-        if number < self.answered or (kind == "ran" and number != self.asked):
+        if number < self.link.answered or (kind == "ran" and number != self.link.asked):
             return
-        newest = number == self.asked
+        newest = number == self.link.asked
         if self.live and newest:
             self._end_run()
-        self.answered = number
+        self.link.answered = number
         if kind in VERIFIED:
             self._take(message, newest)
         elif newest:
@@ -591,12 +544,12 @@ class Session:
         """Show a verified motion, in grey if the scene has changed."""
         with self.client.atomic():
             self.stage.draw_motion(message["recording"], pale=not newest or not message.get("holds", True))
-            self._show(min(self.time, self.end))
+            self._show(min(self.player.time, self.end))
         if not newest:
             return
         kind = message["kind"]
-        self.solved = message["id"] if kind in FINAL else self.solved
-        first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
+        self.link.solved = message["id"] if kind in FINAL else self.link.solved
+        first = self.history.at == 0 and self.pointer.held is None  # which includes the loading of kernels
         seconds = None if first else message.get("verified_after")
         verdict, against = message["verdict"], message.get("against", ())
         self.panels.say(verdict_words(kind, message["reasons"], seconds, verdict, against))
@@ -620,18 +573,9 @@ class Session:
 
     # --- playing ---
 
-    async def _play(self) -> None:
-        frame, settings = 0, self.settings
-        while not self.closed:
-            await asyncio.sleep(settings.frame)
-            if self.stage.recording is None or not self.playing or self.live:
-                continue
-            end = self.end
-            self.time += settings.frame * self.pace
-            if self.time > end + settings.end_pause * self.pace:
-                self.time = 0.0
-            frame += 1
-            self._show(min(self.time, end), keep=True, pointing=frame % settings.pointed == 0)
+    def _playable(self) -> float | None:
+        """Return the end of what can be played [s]; None while nothing can be."""
+        return None if self.stage.recording is None or self.live else self.end
 
     @property
     def end(self) -> float:
@@ -642,13 +586,18 @@ class Session:
     def _stretch(self) -> None:
         if self.end > 0.0 and not self.live:
             self.panels.reach(self.end)
-            self._show(min(self.time, self.end))
+            self._show(min(self.player.time, self.end))
 
-    def _show(self, at: float, *, keep: bool = False, pointing: bool = True) -> None:
-        """Show an instant [s]."""
+    def _show(self, at: float) -> None:
+        """Go to an instant [s]."""
+        if self.stage.recording is not None:
+            self.player.time = at
+            self._play(at, True)
+
+    def _play(self, at: float, pointing: bool) -> None:
+        """Show an instant [s], marked in the plots if `pointing`."""
         if self.stage.recording is None:
             return
-        self.time = self.time if keep else at
         index = self.stage.recording.index_at(at)
         self.stage.show(index)
         self.comparison.show(at)
@@ -658,16 +607,6 @@ class Session:
 
     def close(self) -> None:
         """Close the page's planner and clock."""
-        self.closed = True
-        self._player.cancel()
+        self.player.close()
         self.comparison.close()
         self.link.close()
-
-
-def _on_plane(camera: Array, through: Array, height: float) -> Array | None:
-    """Return a line of sight's intersection with a horizontal plane, or None."""
-    way = through - camera
-    if abs(way[2]) < 1e-9:
-        return None
-    share = (height - camera[2]) / way[2]
-    return camera + share * way if share > 0 else None

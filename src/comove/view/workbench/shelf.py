@@ -12,7 +12,6 @@ from typing import Any
 
 from comove import stored
 from comove.errors import ComoveWarning, OptionError, ResultError
-from comove.io.folders import require_folder
 from comove.model.scene import Scene
 from comove.results.reference import SCENE
 from comove.stored import ResultPart
@@ -113,13 +112,13 @@ def _items_in(path: Path) -> dict[str, Item]:
     if not path.is_dir():
         read_scene(path)  # a mistake in it is told before a page is opened
         return {path.stem: Item(path)}
-    scene = require_folder(path, "comove solve SCENE --out DIR") / SCENE
+    parts, scene = parts_of(path), path / SCENE
     if not scene.is_file():
         raise ResultError(
             "the folder does not say which scene was solved", file=path, way_out="name the scene file instead"
         )
     read_scene(scene)
-    return {part.words: Item(scene, path, part) for part in parts_of(path)}
+    return {part.words: Item(scene, path, part) for part in parts}
 
 
 def _names_of(paths: Sequence[Path]) -> list[str]:

@@ -89,9 +89,15 @@ class Stage:
     _motion: dict[str, Any] = field(default_factory=dict)
     _ghosts: bool = True
 
-    def __post_init__(self) -> None:
-        self.side = longest_side(self.scene)
-        self.lift = 0.5 * self.sizes.height * self.side if self.scene.n_dims == 2 else 0.0
+    @property
+    def side(self) -> float:
+        """Return the longest side of the workspace [m]."""
+        return longest_side(self.scene)
+
+    @property
+    def lift(self) -> float:
+        """Return the height at which planar scenes are drawn [m]."""
+        return 0.5 * self.sizes.height * self.side if self.scene.n_dims == 2 else 0.0
 
     @classmethod
     def beside(cls, first: Stage, scene: Scene) -> Stage:
