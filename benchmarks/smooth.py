@@ -1,6 +1,6 @@
 """Least-jerk motions on fresh scenes: success, smoothness and time.
 
-    python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71] [--many 20] [--parts]
+    python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71] [--many 20] [--parts | --cores]
 
 Half of the sampled scenes are easy, half hard; none was used before with this seed. Every scene is solved twice by
 ``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with many more paths, from
@@ -11,11 +11,15 @@ acceleration over that of the same path with minimum jerk along its length, medi
 
 With ``--parts``, a table of the times in searches with the default objective is printed instead: medians of processor
 times [ms], and shares of all.
+
+With ``--cores``, every search is run with one core and with two, in turns: medians of the time on the wall and of
+processor time [ms], and in how many both found the same motion. Other work on the machine spoils the former.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 import warnings
 from dataclasses import replace
 
@@ -29,7 +33,7 @@ import comove
 from comove import LeastJerk, PaperCost
 from comove.lab.bench.sets import SETS
 from comove.model import CoordinatedMotion
-from comove.planning import Comove, kinematics, search, smooth
+from comove.planning import Comove, ahead, kinematics, search, smooth
 from comove.planning.convex import optimise, programme
 from comove.planning.convex.costs import SumOfSquares, jerk_cost
 from comove.planning.seeds import minimum_jerk
@@ -50,6 +54,7 @@ def main() -> None:
         "--many", type=float, default=MANY, help="seconds of each search for the best; 0: none"
     )
     parser.add_argument("--parts", action="store_true", help="where the time goes")
+    parser.add_argument("--cores", action="store_true", help="one core and two")
     asked = parser.parse_args()
     on_one_thread()
     warnings.simplefilter("ignore")
@@ -61,8 +66,8 @@ def main() -> None:
         for kind, count in (("planar", asked.planar), ("spatial", asked.spatial))
         for name in ("easy", "hard")
     }
-    if asked.parts:
-        print_parts(drawn)
+    if asked.parts or asked.cores:
+        (print_parts if asked.parts else print_cores)(drawn)
         return
     rows = []
     for scenes, those in drawn.items():
@@ -74,6 +79,38 @@ def main() -> None:
         print_table(HEADER, rows[-len(found) :])
     print("\nall:")
     print_table(HEADER, rows)
+
+
+def print_cores(drawn: dict[str, list[comove.Scene]]) -> None:
+    """Print times with one core and with two, by kind of scenes."""
+    rows = []
+    for kind, those in drawn.items():
+        times, same = list[list[float]](), 0
+        for scene in (those[0], *those):  # a first solve that does not count
+            weights, spent = [], list[float]()
+            for cores in (1, 2):
+                ahead.n_processors = lambda cores=cores: cores
+                wall, processor = time.perf_counter(), time.process_time()
+                solution = comove.solve(scene, budget=BUDGET)
+                spent += [time.perf_counter() - wall, time.process_time() - processor]
+                weights.append(solution.attempt.weights)
+            times.append(spent)
+            same += np.array_equal(*weights)
+        ms = 1e3 * np.array(times[1:])
+        ratio = np.median(ms[:, 2] / ms[:, 0])
+        rows.append(
+            [kind, *(f"{x:.1f}" for x in np.median(ms, axis=0)), f"{ratio:.2f}", f"{same - 1} of {len(ms)}"]
+        )
+    head = (
+        "scenes",
+        "one core",
+        "its processor time",
+        "two cores",
+        "their processor time",
+        "ratio on the wall",
+        "same",
+    )
+    print_table(head, rows)
 
 
 def print_parts(drawn: dict[str, list[comove.Scene]]) -> None:

@@ -37,8 +37,12 @@ ALONE = "COMOVE_COMPILE_ALONE"
 
 
 def n_processors() -> int:
-    """Return the number of cores available to this process. Where the system does not report it, return the number
-    of the machine."""
+    """Return the number of cores available to this process.
+
+    It is 1 in a process that keeps to one thread, and that of the machine where the system does not report it.
+    """
+    if os.environ.get("NUMBA_NUM_THREADS") == "1":
+        return 1
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
