@@ -144,7 +144,9 @@ def _count(out):
 def test_bad_input_is_one_sentence(tmp_path):
     file, out = study(tmp_path), tmp_path / "out"
     refused(invoke("generate", tmp_path / "none.yaml", "--out", out), "there is no such file")
-    refused(invoke("generate", EXAMPLES / "posts.yaml", "--out", out), "unknown key")
+    refused(
+        invoke("generate", EXAMPLES / "posts.yaml", "--out", out), "it is a scene, not a study", "episodes"
+    )
     refused(invoke("generate", file, "--out", out, "--workers", 0), "--workers")
     refused(invoke("generate", file, "--out", out, "--shard", "3/2"), "--shard", "i from 1 to n")
     refused(invoke("sweep", file, "--out", out), "unknown key", "scene")
