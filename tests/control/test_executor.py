@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
-from comove.control import Executor, Functions, Pace, loop
+from comove.control import Executor, Functions, Known, Pace, loop
 from comove.control.safety.twists import advanced, nodes_of, poses_of, twists_between
 from comove.errors import OptionError
 from comove.model import Scene
@@ -196,6 +196,20 @@ def test_ctrl_c_ends_a_run_with_what_has_happened(after):
 
 def test_a_run_shorter_than_a_step_makes_one():
     assert len(Executor(crossing()).run(1e-12).time) == 2
+
+
+@pytest.mark.parametrize("observer", [Known, Functions.of_motions])
+@pytest.mark.parametrize("budget", [0.7, 1.5])
+def test_a_run_that_does_not_arrive_ends_at_rest(observer, budget):
+    """It brakes when its budget is spent: a record that ends in motion would ask robots to stop at once."""
+    scene = crossing(disc([0.6, 0.95], {"velocity": [0.0, -0.05]}))
+    record = Executor(scene, observer(scene)).run(budget)
+    report = verify_execution(record)
+    assert budget < record.time[-1] < budget + 0.5
+    assert report.end_speed <= 1e-3
+    assert report.speed_max <= scene.speed_limit * (1 + 1e-7)
+    assert report.acceleration_max <= scene.acceleration_limit * (1 + 1e-7)
+    assert report.clearance_min >= scene.clearance
 
 
 def test_poses_are_of_the_scene():

@@ -22,8 +22,9 @@ Where no twist is admissible, rows are relaxed in a strict order of priority. Li
 clearances, these before margins for uncertainty, and obstacles towards which the load itself moves before those that
 move towards it. First only those rows are relaxed that ask for a retreat; then margins, for which an uncertain
 obstacle is entered a second time without its margin; then, where the load cannot brake in time, all clearances; the
-limits only where they contradict each other. Rows are relaxed by one slack for every body and obstacle, and the sum
-of the squares of the slacks is minimised.
+tangents of the limits only where they contradict each other. Rows are relaxed by one slack for every body and
+obstacle, and the sum of the squares of the slacks is minimised. A solution with relaxed tangents is moved towards
+going on, or braking, until its exact step keeps the limits: commands beyond them could not be executed.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from comove.control.safety.qp_workspace import (
     Sighting,
     empty_workspace,
 )
-from comove.control.safety.twists import group_nodes
+from comove.control.safety.twists import advanced, group_nodes, nodes_of
 from comove.geometry.rotations import matrices
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
@@ -61,6 +62,7 @@ TOLERANCE = 1e-9  # m/s, of rows in the solver
 UPRIGHT = 1e-6  # sine of the angle below which a body does not lean
 ANGLE_ROUNDING = 1e-12  # rad, by which an angle may grow
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
+N_SHARES = 33  # points that are tried on a line, where limits contradict each other
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 EQUAL = 5  # the solver's word for an equation
@@ -287,9 +289,9 @@ class SafetyFilter:
             if settled or (gives_way == LIMITS and self._are_granted(m, n_rows, z)):
                 break
             m = n_rows
-        if not settled:
-            x = self._within(x, before)
-            _, missed = missing_rows(qp, poses, sighting, x, m, twists)
+        if not settled or gives_way == LIMITS:
+            z = self._within(z, poses, before, joints.before)
+            _, missed = missing_rows(qp, poses, sighting, np.ascontiguousarray(z[:n]), m, twists)
         relaxed = float(qp.work.slack.max(initial=0.0)) if gives_way else 0.0
         relaxed = max(relaxed, missed)
         blocking = self._blocking(multipliers)
@@ -390,19 +392,21 @@ class SafetyFilter:
         flat, quadratic = self._work.hands.reshape(-1, n), self._work.quadratic[:n, :n]
         return np.asarray(np.linalg.solve(quadratic, flat.T @ before.ravel()), dtype=np.float64)
 
-    def _within(self, x: Array, before: Array) -> Array:
-        """Return x reduced to the limits, for use where the rounds have run out.
+    def _within(self, z: Array, poses: HandPoses, before: Array, rates: Array) -> Array:
+        """Return variables whose exact step keeps the limits of the hands, as near to z as possible.
 
-        It is a point between the variables that keep the present velocities and x.
+        They lie between z and those that keep the present velocities or, where these are too fast as well, brake.
         """
-        hands = self._work.hands
-        kept = self._going_on(before)
-        change = np.linalg.norm(hands @ (x - kept), axis=1)
-        spare = self.scene.acceleration_limit * self.period - np.linalg.norm(hands @ kept - before, axis=1)
-        share = np.min(np.where(change > spare, np.maximum(spare, 0.0) / np.maximum(change, TOLERANCE), 1.0))
-        x = kept + share * (x - kept)
-        allowed = self._work.balls[: len(hands), 3]  # speeds
-        return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
+        balls, hands = self._work.balls[: 2 * len(before)], nodes_of(self.scene, poses)[: len(before)]
+        kept = np.concatenate([self._going_on(before), rates])
+        share = np.linspace(0.0, 1.0, N_SHARES)[:, None]
+        candidates = np.concatenate([z + share * (kept - z), (1.0 - share) * kept])
+        for found in candidates:
+            after = advanced(poses, self._freedom.basis @ found[: self.n_variables], self.period)
+            velocity = (nodes_of(self.scene, after)[: len(before)] - hands) / self.period
+            if (np.linalg.norm(np.tile(velocity, (2, 1)) - balls[:, :3], axis=1) <= balls[:, 3]).all():
+                return found
+        return kept
 
     def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
         """Return the solution and its multipliers with rows relaxed, None where that is not enough.
