@@ -1,6 +1,7 @@
 """Executions arrive, keep every distance and touch nothing; where they cannot arrive they stop and say why."""
 
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
-from comove.control import Executor, Functions, Pace, loop
+from comove.control import Executor, Functions, Known, Pace, loop
+from comove.control.replanning import SETTINGS
 from comove.control.safety.twists import advanced, nodes_of, poses_of, twists_between
 from comove.errors import OptionError
 from comove.model import Scene
 from comove.model.coordinates import HandPoses
+from comove.verification.certificate import certify
 from comove.verification.record import verify_execution
 from tests.cases import examples
 from tests.slow_clock import ticking
@@ -112,6 +115,18 @@ def test_an_obstacle_that_turns_where_nobody_expects_it_is_dodged():
     assert any("given up" in event.what for event in executor.log.events)
 
 
+@pytest.mark.parametrize(("away", "room"), [(0.4, SETTINGS.room), (0.02, 0.0)])
+def test_plans_keep_room_from_what_may_turn_if_they_can(away, room):
+    """A disc crosses the way at half time, or begins so near to the load that there is none."""
+    scene = crossing(
+        disc([0.5, 0.9], {"velocity": [0.0, -0.2]}), disc([0.22 + away, 0.5], {"velocity": [0.2, 0]})
+    )
+    executor = Executor(scene, Functions.of_motions(scene))
+    executor.step()
+    ahead = certify(replace(executor.plan.motion, scene=scene))
+    assert ahead.lower >= scene.clearance + room
+
+
 def test_the_same_seed_gives_the_same_execution():
     scene = moving_scene(4)
     first, second = (Executor(scene, Functions.of_motions(scene), seed=2).run(6.0) for _ in range(2))
@@ -196,6 +211,20 @@ def test_ctrl_c_ends_a_run_with_what_has_happened(after):
 
 def test_a_run_shorter_than_a_step_makes_one():
     assert len(Executor(crossing()).run(1e-12).time) == 2
+
+
+@pytest.mark.parametrize("observer", [Known, Functions.of_motions])
+@pytest.mark.parametrize("budget", [0.7, 1.5])
+def test_a_run_that_does_not_arrive_ends_at_rest(observer, budget):
+    """It brakes when its budget is spent: a record that ends in motion would ask robots to stop at once."""
+    scene = crossing(disc([0.6, 0.95], {"velocity": [0.0, -0.05]}))
+    record = Executor(scene, observer(scene)).run(budget)
+    report = verify_execution(record)
+    assert budget < record.time[-1] < budget + 0.5
+    assert report.end_speed <= 1e-3
+    assert report.speed_max <= scene.speed_limit * (1 + 1e-7)
+    assert report.acceleration_max <= scene.acceleration_limit * (1 + 1e-7)
+    assert report.clearance_min >= scene.clearance
 
 
 def test_poses_are_of_the_scene():

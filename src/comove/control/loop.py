@@ -39,6 +39,9 @@ class Event:
 KEPT = 100_000  # control steps, attempts to plan and events that a log has at most: a robot may run for weeks
 
 
+BRAKING = 1.0  # s, at most, until a run whose budget is spent is at rest
+
+
 def _latest() -> deque[Any]:
     return deque(maxlen=KEPT)
 
@@ -151,6 +154,17 @@ class LoopSettings(Protocol):
     def at_rest(self) -> float: ...
 
 
+class Standstill(Replanner):
+    """A reference that stays where the payload is."""
+
+    def update(self, run: ControlLoop) -> None:
+        """Do nothing."""
+
+    def current(self, run: ControlLoop) -> Setpoint:
+        """Return the present poses and joints."""
+        return Setpoint(run.poses, run.poses, joints=run.joints, rates=np.zeros_like(run.joints))
+
+
 class ControlLoop:
     """The base of executors: one control step after the other.
 
@@ -184,8 +198,12 @@ class ControlLoop:
     @property
     def arrived(self) -> bool:
         """Return whether the payload is at its goal, at rest."""
-        at_rest = np.linalg.norm(self._before, axis=1).max() <= self.settings.at_rest
-        return bool(at_rest and self.distance_from(self.goal) <= self.settings.at_goal)
+        return self._speed <= self.settings.at_rest and self.distance_from(self.goal) <= self.settings.at_goal
+
+    @property
+    def _speed(self) -> float:
+        """Return the speed of the fastest end effector in the last step [m/s]."""
+        return float(np.linalg.norm(self._before, axis=1).max())
 
     @property
     def joints(self) -> Array:
@@ -206,7 +224,8 @@ class ControlLoop:
     def run(self, budget: float) -> Record:
         """Execute until arrival, or for `budget` [s] of simulated time.
 
-        Commands are followed exactly.
+        Commands are followed exactly. A payload that still moves when the budget is spent brakes within its limits,
+        for up to `BRAKING` s more.
 
         Raises
         ------
@@ -214,14 +233,19 @@ class ControlLoop:
             If the budget is not a positive number.
         """
         require_positive("budget", budget)
-        poses, joints = [self.poses], [self.joints]
+        poses, joints, replanner = [self.poses], [self.joints], self.replanner
         with self._interruption.noticed():
-            while not (self.interrupted or self.time >= budget - 1e-9):
+            while not (self.interrupted or self.time >= budget + BRAKING - 1e-9):
+                if self.time >= budget - 1e-9:
+                    if self._speed <= self.settings.at_rest:
+                        break
+                    self.replanner = Standstill()
                 self._follow()
                 poses.append(self.poses)
                 joints.append(self.joints)
                 if self.ended:
                     break
+        self.replanner = replanner
         if self.arrived or len(poses) == 1:
             poses.append(self.poses)  # and stands
             joints.append(self.joints)

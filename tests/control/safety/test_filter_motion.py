@@ -5,9 +5,10 @@ Clearances are those of plain NumPy along the whole load, from the scene's file.
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from benchmarks.random_scenes import moving_scene
 from comove.control.safety.cbf_qp import SafetyFilter
 from comove.control.safety.twists import nodes_of, poses_of
 from tests.cases import examples
@@ -112,6 +113,26 @@ def test_other_loads_driven_about_touch_nothing(load, spatial, more, acceleratio
     assert found.speed <= 1.0 + ROUND
     if acceleration:
         assert found.acceleration <= acceleration * (1 + ROUND)
+
+
+@examples(15)
+@given(seeds, st.sampled_from([2, 3]))
+@example(54, 2)
+@example(5, 3)
+def test_limits_hold_in_every_step(seed, n_hands):
+    """Loads that spin among moving obstacles: no command exceeds a limit, even where obstacles hit them."""
+    rng = np.random.default_rng(seed)
+    scene = moving_scene(int(rng.integers(1000)) * 4 + 2 * (n_hands - 2))  # in the plane
+    drives = rng.standard_normal((16, 6)) * [0.3, 0.3, 0.0, 0.0, 0.0, 20.0]
+    velocity = scene.obstacle_velocities(np.zeros(1))[0][scene.owners]
+
+    def wanted(i, nodes):
+        arms = nodes[:n_hands] - nodes[:n_hands].mean(axis=0)
+        return drives[i // 25, :3] + np.cross(drives[i // 25, 3:], arms)
+
+    found = run(World(scene, velocity), wanted, 400, look=1000)
+    assert found.speed <= scene.speed_limit * (1 + ROUND)
+    assert found.acceleration <= scene.acceleration_limit * (1 + ROUND)
 
 
 @examples(25)

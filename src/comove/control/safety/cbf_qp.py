@@ -1,14 +1,15 @@
-"""The safety filter: the collision-free velocities nearest to the desired ones, by a QP.
+"""The safety filter: the velocities nearest to the desired ones that lead to no collision, a quadratic programme.
 
-In every control step, the twists of the rigid groups, and the joint rates of the arms that hold them,
+In every control step, of all twists of the rigid groups, and rates of the joints of arms that carry them, those are
+taken that
 
     minimise    sum over the end effectors of |velocity - desired velocity|^2 + weight |rates - desired rates|^2
     such that   no point of a payload or end effector approaches an obstacle, the border or an end effector of another
-                body faster than the remaining clearance allows (a control barrier function, Ames et al., 2017; see
+                body faster than the clearance that is left allows (a control barrier function, Ames et al., 2017; see
                 `cbf_constraints`),
                 |velocity of an end effector| <= speed limit,
                 |velocity of an end effector - velocity before| <= acceleration limit x period,
-                and, with arms, the rows of their `JointRows` hold.
+                and of arms, if there are any: what their `JointRows` ask.
 
 The variables are the free velocities alone: rigid constraints, payloads that stay upright and end effectors at one
 height hold by construction. Distances are convex in the position, so that the linear rows are conservative. The balls
@@ -17,12 +18,13 @@ for accelerations: solutions inside are not changed, and one or two rows replace
 spatial problem would need. After every solution the exact step is computed, and every distance that it violates
 becomes a row.
 
-Where no twist is admissible, rows are relaxed in a strict order of priority. Limits of the end effectors come before
-clearances, these before margins for uncertainty, and obstacles towards which the payload itself moves before those
-that move towards it. First only those rows are relaxed that require a retreat; then margins, for which an uncertain
-obstacle is entered a second time without its margin; then, where the payload cannot brake in time, all clearances;
-the limits only where they contradict each other. Rows are relaxed by one slack for every body and obstacle, and the
-sum of the squares of the slacks is minimised.
+Where no twist is admissible, rows are relaxed in a strict order of priority. Limits of the hands come before
+clearances, these before margins for uncertainty, and obstacles towards which the load itself moves before those that
+move towards it. First only those rows are relaxed that ask for a retreat; then margins, for which an uncertain
+obstacle is entered a second time without its margin; then, where the load cannot brake in time, all clearances; the
+tangents of the limits only where they contradict each other. Rows are relaxed by one slack for every body and
+obstacle, and the sum of the squares of the slacks is minimised. A solution with relaxed tangents is moved towards
+going on, or braking, until its exact step keeps the limits: commands beyond them could not be executed.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ from comove.control.safety.qp_workspace import (
     Sighting,
     empty_workspace,
 )
-from comove.control.safety.twists import group_nodes
+from comove.control.safety.twists import advanced, group_nodes, nodes_of
 from comove.geometry.rotations import matrices
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
@@ -60,6 +62,7 @@ TOLERANCE = 1e-9  # m/s, of rows in the solver
 UPRIGHT = 1e-6  # sine of the angle below which a body does not lean
 ANGLE_ROUNDING = 1e-12  # rad, by which an angle may grow
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
+N_SHARES = 33  # points that are tried on a line, where limits contradict each other
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 EQUAL = 5  # the solver's word for an equation
@@ -286,9 +289,9 @@ class SafetyFilter:
             if settled or (gives_way == LIMITS and self._are_granted(m, n_rows, z)):
                 break
             m = n_rows
-        if not settled:
-            x = self._within(x, before)
-            _, missed = missing_rows(qp, poses, sighting, x, m, twists)
+        if not settled or gives_way == LIMITS:
+            z = self._within(z, poses, before, joints.before)
+            _, missed = missing_rows(qp, poses, sighting, np.ascontiguousarray(z[:n]), m, twists)
         relaxed = float(qp.work.slack.max(initial=0.0)) if gives_way else 0.0
         relaxed = max(relaxed, missed)
         blocking = self._blocking(multipliers)
@@ -391,19 +394,21 @@ class SafetyFilter:
         flat, quadratic = self._work.hands.reshape(-1, n), self._work.quadratic[:n, :n]
         return np.asarray(np.linalg.solve(quadratic, flat.T @ before.ravel()), dtype=np.float64)
 
-    def _within(self, x: Array, before: Array) -> Array:
-        """Return x reduced to the limits, once all rounds are used.
+    def _within(self, z: Array, poses: HandPoses, before: Array, rates: Array) -> Array:
+        """Return the variables nearest to z whose exact step keeps the limits.
 
-        It is a point between the variables that keep the present velocities and x.
+        They lie between z and those that keep the present velocities or, where these are too fast as well, brake.
         """
-        hands = self._work.hands
-        kept = self._going_on(before)
-        change = np.linalg.norm(hands @ (x - kept), axis=1)
-        spare = self.scene.acceleration_limit * self.period - np.linalg.norm(hands @ kept - before, axis=1)
-        share = np.min(np.where(change > spare, np.maximum(spare, 0.0) / np.maximum(change, TOLERANCE), 1.0))
-        x = kept + share * (x - kept)
-        allowed = self._work.balls[: len(hands), 3]  # speeds
-        return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
+        balls, hands = self._work.balls[: 2 * len(before)], nodes_of(self.scene, poses)[: len(before)]
+        kept = np.concatenate([self._going_on(before), rates])
+        share = np.linspace(0.0, 1.0, N_SHARES)[:, None]
+        candidates = np.concatenate([z + share * (kept - z), (1.0 - share) * kept])
+        for found in candidates:
+            after = advanced(poses, self._freedom.basis @ found[: self.n_variables], self.period)
+            velocity = (nodes_of(self.scene, after)[: len(before)] - hands) / self.period
+            if (np.linalg.norm(np.tile(velocity, (2, 1)) - balls[:, :3], axis=1) <= balls[:, 3]).all():
+                return found
+        return kept
 
     def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
         """Return the solution and multipliers with relaxed rows, None without a solution.
