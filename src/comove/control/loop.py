@@ -202,7 +202,7 @@ class ControlLoop:
 
     @property
     def _speed(self) -> float:
-        """Return the speed of the fastest end effector in the last step [m/s]."""
+        """Return the largest end-effector speed of the last step [m/s]."""
         return float(np.linalg.norm(self._before, axis=1).max())
 
     @property
