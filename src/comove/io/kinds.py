@@ -5,6 +5,7 @@ They are looked for only where a path was refused, so that no command reads more
 
 from __future__ import annotations
 
+import os
 import shlex
 from enum import Enum
 from itertools import count
@@ -34,9 +35,9 @@ class Kind(Enum):
 
 def kind_of(path: Path) -> Kind:
     """Return what a path is."""
-    if path.is_dir():
+    if os.path.isdir(path):  # unlike Path's, it takes any name
         return Kind.RESULT if listed_inputs(path) else Kind.FOLDER
-    if not path.exists():
+    if not os.path.exists(path):
         return Kind.NOTHING
     data = _contents(path)
     if listed_inputs(path.parent) and (path.name == SCENE or "workspace" not in data):

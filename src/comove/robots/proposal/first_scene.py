@@ -351,9 +351,12 @@ def _reached(robot: Robot, place: _Place, standing: Scene) -> Cells:
         "obstacles": [obstacle.model_dump() for obstacle in standing.file.obstacles]
     }
     scene = Scene.from_dict(data, folder=standing.folder, check_ends=False)
-    carrier, nodes = RobotCarrier(robot, scene), scene.nodes_at("start")
+    found, nodes = np.zeros((2, SETTINGS.n_cells, SETTINGS.n_cells), dtype=bool), scene.nodes_at("start")
+    try:
+        carrier = RobotCarrier(robot, scene)
+    except SceneError:  # grippers collide at this distance, however they are placed
+        return found
     middle = nodes[:2].mean(axis=0)
-    found = np.zeros((2, SETTINGS.n_cells, SETTINGS.n_cells), dtype=bool)
     around = np.array([place.lower, place.upper])
     for hand, *cell in np.ndindex(found.shape):
         there = nodes + _at_cell(around, place.axis, (cell[0], cell[1])) - middle
