@@ -130,20 +130,16 @@ class Curvature:
     Attributes
     ----------
     memory : number of estimates
+    value : kappa; NaN before the first estimate
     least : least curvature once a run has settled
     """
 
     def __init__(self, memory: int) -> None:
-        self.memory, self.least = memory, np.inf
+        self.memory, self.value, self.least = memory, np.nan, np.inf
         self._estimates: list[float] = []
 
     def __len__(self) -> int:
         return len(self._estimates)
-
-    @property
-    def value(self) -> float:
-        """Return the curvature."""
-        return float(np.median(self._estimates))
 
     @property
     def is_finite(self) -> bool:
@@ -159,6 +155,7 @@ class Curvature:
         floor = 1e-6 * np.sqrt(local.slope[-1] @ local.slope[-1])
         self._estimates.append(max(bent, 0.5 * slope, floor) + TINY)
         del self._estimates[: -self.memory]
+        self.value = float(np.median(self._estimates))
 
 
 @dataclass(frozen=True, eq=False)
