@@ -100,7 +100,7 @@ def misnamed(path: Path, wanted: Kind) -> tuple[str, str] | None:
 
 def _way_to_scene(path: Path, kind: Kind) -> str:
     """Return which scene to name instead of something else; empty where that is not known."""
-    scene = (path if path.is_dir() else path.parent) / SCENE
+    scene = (path if os.path.isdir(path) else path.parent) / SCENE
     if kind is Kind.RESULT or (kind is Kind.PART and path.name != SCENE):
         return f"name its scene: {scene}" if scene.is_file() else "name the scene that was solved"
     if kind is Kind.ROBOT:
