@@ -1,6 +1,7 @@
 """Executions arrive, keep every distance and touch nothing; where they cannot arrive they stop and say why."""
 
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,12 @@ from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
 from comove.control import Executor, Functions, Known, Pace, loop
+from comove.control.replanning import SETTINGS
 from comove.control.safety.twists import advanced, nodes_of, poses_of, twists_between
 from comove.errors import OptionError
 from comove.model import Scene
 from comove.model.coordinates import HandPoses
+from comove.verification.certificate import certify
 from comove.verification.record import verify_execution
 from tests.cases import examples
 from tests.slow_clock import ticking
@@ -110,6 +113,18 @@ def test_an_obstacle_that_turns_where_nobody_expects_it_is_dodged():
     assert report.clearance_min >= 0
     assert report.end_error <= 1e-3
     assert any("given up" in event.what for event in executor.log.events)
+
+
+@pytest.mark.parametrize(("away", "room"), [(0.4, SETTINGS.room), (0.02, 0.0)])
+def test_plans_keep_room_from_what_may_turn_if_they_can(away, room):
+    """A disc crosses the way at half time, or begins so near to the load that there is none."""
+    scene = crossing(
+        disc([0.5, 0.9], {"velocity": [0.0, -0.2]}), disc([0.22 + away, 0.5], {"velocity": [0.2, 0]})
+    )
+    executor = Executor(scene, Functions.of_motions(scene))
+    executor.step()
+    ahead = certify(replace(executor.plan.motion, scene=scene))
+    assert ahead.lower >= scene.clearance + room
 
 
 def test_the_same_seed_gives_the_same_execution():

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from comove.control.loop import ControlLoop, Replanner, Setpoint
+from comove.control.observers import STILL
 from comove.control.safety.cbf_qp import MAX_PERIOD
 from comove.control.safety.twists import advanced, hand_velocities, twists_between
 from comove.dmp.arguments import require_positive
@@ -67,6 +68,7 @@ class ExecutionSettings:
     Attributes
     ----------
     longer : factors on the shortest duration worth trying, tried in turn
+    room : distance that plans keep, if they can, from what is seen to move and may turn, on top of all margins [m]
     hurry : duration of the shortest plan, as a multiple of the way at the speed limit
     shortest : least duration of a plan [s]
     catch_up : time constant of the return to a plan [s]
@@ -81,6 +83,7 @@ class ExecutionSettings:
     """
 
     longer: tuple[float, ...] = (1.0, 1.3, 1.7, 2.3)
+    room: float = 0.05
     hurry: float = 1.5
     shortest: float = 0.5
     catch_up: float = 0.1
@@ -189,17 +192,21 @@ class PlanReplanner(Replanner):
         """Search for a plan from the present state on."""
         begun, now, log = clock.perf_counter(), run.time, run.log
         expected, seen = run.observer.predict(now), run.observer.observe(now)
-        expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))  # by their margins
         starts = tuple(
             GroupPose(center, matrices(quaternion))
             for center, quaternion in zip(run.poses.center, run.poses.quaternion, strict=True)
         )
         method, left = self._method(run), self.pace.haste if run.n_steps else self.pace.leisure
-        for k, longer in enumerate(SETTINGS.longer):
+        tries = [(longer, 0.0) for longer in SETTINGS.longer]
+        if not run.observer.certain:
+            tries.insert(0, (SETTINGS.longer[0], SETTINGS.room))
+        for k, (longer, room) in enumerate(tries):
             duration = longer * self._shortest(run)
-            later = expected.resumed(now, duration, starts, run.twists)
+            grown = seen.margin + room * (np.linalg.norm(seen.velocity, axis=1) > STILL)
+            wider = replace(expected, obstacles=inflated(expected.obstacles, grown))
+            later = wider.resumed(now, duration, starts, run.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
-            budget = Budget(work=left / (1 + (longer != SETTINGS.longer[-1])))
+            budget = Budget(work=left / (1 + (k + 1 < len(tries))))
             with warnings.catch_warnings(action="ignore", category=ComoveWarning):
                 found = solve(
                     later,
