@@ -1,7 +1,10 @@
 """Plans that are computed while paths are smoothed."""
 
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,14 @@ from comove.planning import ahead
 from comove.planning.ahead import PlansAhead, drawn
 from comove.planning.clock import MOST, WORK, Budget, clock_until, worked
 from comove.planning.search import SearchClock
+from comove.processes import ALONE
 from tests.solved import example
+
+
+@pytest.fixture(autouse=True)
+def with_others(monkeypatch):
+    """Other cores may help, as outside of tests."""
+    monkeypatch.delenv(ALONE, raising=False)
 
 
 class Asked:
@@ -87,6 +97,27 @@ def test_an_endless_plan_ends_with_its_search(end, monkeypatch):
         assert plans.taken() == [None]
     plans.close()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("comove-plans")]
+
+
+ROOT = Path(__file__).parents[2]
+OUTLIVING = """
+import threading
+import comove
+from tests.solved import example
+
+def work():
+    threading.main_thread().join()
+    print(comove.solve(example("complex"), budget=20.0).verified is not None)
+
+threading.Thread(target=work).start()
+"""
+
+
+def test_a_search_may_outlive_the_main_thread():
+    done = subprocess.run(
+        [sys.executable, "-c", OUTLIVING], capture_output=True, text=True, timeout=600, cwd=ROOT
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
 
 
 @pytest.mark.parametrize("name", ["complex", "window"])

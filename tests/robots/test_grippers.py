@@ -270,6 +270,20 @@ def test_arms_that_end_at_a_flange_have_no_gripper_wherever_the_tool_is(name):
     assert without_gripper(replace(machine, arms=at_flange)) == BARE.get(name, ())
 
 
+def test_the_grasp_frame_is_that_of_the_arm_that_is_given_whatever_was_asked_before():
+    machine = robot("two_ur10")
+    arm = machine.arms[0]
+    for tool in (arm.tool, np.eye(4), arm.tool):
+        asked = replace(arm, tool=tool)
+        joint, placement = machine.grasp_frame(asked)
+        data = machine.model.createData()
+        pin.forwardKinematics(machine.model, data, machine.home)
+        np.testing.assert_allclose(
+            (data.oMi[joint] * placement).homogeneous, machine.tool_pose(machine.home, asked), atol=1e-12
+        )
+        placement.translation[:] = 9.0  # of a copy
+
+
 def test_what_is_out_of_reach_of_the_grasp_is_no_gripper(tmp_path):
     box = {"shape": "box", "center": [0, 0, 0.05], "size": [0.1, 0.1, 0.1]}
     arms = {

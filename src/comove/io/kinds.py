@@ -107,7 +107,7 @@ def _way_to_scene(path: Path, kind: Kind) -> str:
         return f"make a scene for it: comove robot scene {shlex.quote(str(path))} --out scene.yaml"
     if kind is Kind.STUDY:
         return f"name its scene: {path.parent / str(_contents(path)['scene'])}"
-    if kind is Kind.FILE and path.suffix.lower() not in SCENES:
+    if kind is Kind.FILE and path.is_file() and path.suffix.lower() not in SCENES and not _contents(path):
         return f"name a scene (YAML); {near_files(path.parent, path.name, SCENES[:2])}"
     return ""
 
@@ -124,6 +124,6 @@ def _command(scene: Path, made_by: str = "comove solve SCENE --out DIR") -> str:
 def _contents(path: Path) -> dict[str, Any]:
     """Return the mapping that a file holds; empty where it holds none."""
     try:
-        return read_yaml(path)[0]
+        return read_yaml(path)[0] if path.is_file() else {}  # what a pipe held is gone
     except (InputError, OSError):
         return {}

@@ -6,8 +6,10 @@ numbers, clock, and share of the work. A search without another core computes th
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,7 +18,7 @@ import numpy as np
 from comove.arrays import Array
 from comove.planning.clock import DEADLINE, LEFT, MOST, UP, WORK, clock_until
 from comove.planning.search import Search
-from comove.processes import n_processors
+from comove.processes import ALONE, n_processors
 
 PAUSE = 0.02  # s, between two looks whether the search is over
 
@@ -42,7 +44,6 @@ class PlansAhead:
     count: int
     _begun: Callable[[float], list[Plan | None]] | None = field(default=None, init=False)
     _future: Future[list[Plan | None]] | None = field(default=None, init=False)
-    _thread: ThreadPoolExecutor | None = field(default=None, init=False)
 
     @cached_property
     def clock(self) -> Array:
@@ -65,9 +66,8 @@ class PlansAhead:
             return list(drawn(self._targets, self.count, failures, max_nodes, rng))
 
         self._begun = plans
-        if n_processors() > 1:
-            self._thread = self._thread or ThreadPoolExecutor(1, thread_name_prefix="comove-plans")
-            self._future = self._thread.submit(plans, np.inf)
+        if n_processors() > 1 and ALONE not in os.environ:
+            self._future = _started(plans)
 
     def taken(self) -> list[Plan | None] | None:
         """Return the plans that were begun; None if none were.
@@ -93,8 +93,27 @@ class PlansAhead:
         while self._future is not None and not self._future.done():
             self.clock[UP] = 1.0  # again, as a plan that only begins winds its clock
             wait([self._future], PAUSE)
-        if self._thread is not None:
-            self._thread.shutdown()
+        self._begun = self._future = None
+
+
+def _started(plans: Callable[[float], list[Plan | None]]) -> Future[list[Plan | None]] | None:
+    """Start plans without a deadline in a thread; None where no thread starts, as the interpreter ends.
+
+    The thread is a daemon: those of executors hold the interpreter up, and none starts after the main thread's end.
+    """
+    future = Future[list[Plan | None]]()
+
+    def work() -> None:
+        try:
+            future.set_result(plans(np.inf))
+        except BaseException as error:
+            future.set_exception(error)
+
+    try:
+        threading.Thread(target=work, daemon=True, name="comove-plans").start()
+    except RuntimeError:
+        return None
+    return future
 
 
 def drawn(

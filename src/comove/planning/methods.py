@@ -359,6 +359,7 @@ class Comove(Method):
             )
             if search.found.best_cost < (1 + self.settings.worth_another) * least_worth(search):
                 break
+        ahead.close()
         # Arms have other limits than the scene's.
         if search.found.best_motion is not None and hasty and not limited:
             hurry(search, search.found.best_motion, self.settings.smoothing.fastest, self.settings.smoothing)
@@ -544,7 +545,10 @@ class Plans(NamedTuple):
         kind = _planner_in_time if in_time else _planner
 
         def planner(clock: Array) -> Targets:
-            return kind(search, space._replace(clock=clock), ends, method)
+            # With scratch of its own, as another thread may plan; what was found so far counts for both.
+            query = space.query._replace(normals=space.query.normals.copy())
+            own = space._replace(clock=clock, parts=space.parts.copy(), query=query)
+            return kind(search, own, ends, method)
 
         return cls(space, ends, planner, planner(space.clock), in_time)
 

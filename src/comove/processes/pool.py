@@ -33,16 +33,14 @@ ONE_THREAD = dict.fromkeys(
 )
 """The environment of processes whose numerical libraries keep to one thread."""
 ALONE = "COMOVE_COMPILE_ALONE"
-"""Environment variable: where it is set, no other process helps this one to compile kernels, or to draw."""
+"""Environment variable: where it is set, nothing on another core compiles, draws or plans for this process."""
 
 
 def n_processors() -> int:
     """Return the number of cores available to this process.
 
-    It is 1 in a process that keeps to one thread, and that of the machine where the system does not report it.
+    It is that of the machine where the system does not report it.
     """
-    if os.environ.get("NUMBA_NUM_THREADS") == "1":
-        return 1
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -13,7 +13,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
-from weakref import WeakValueDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import coal
 import numpy as np
@@ -166,15 +166,15 @@ class Robot:
 
     def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
         """Return the joint that moves a grasp frame, and the placement there. It is an SE3."""
-        return self._grasp_frames[arm.name]
+        if arm not in self._grasp_frames:
+            tip = self.model.frames[self.model.getFrameId(arm.tip)]
+            self._grasp_frames[arm] = tip.parentJoint, tip.placement * pin.SE3(arm.tool)
+        joint, placement = self._grasp_frames[arm]
+        return joint, placement.copy()
 
     @cached_property
-    def _grasp_frames(self) -> dict[str, tuple[int, Any]]:
-        tips = {arm.name: self.model.frames[self.model.getFrameId(arm.tip)] for arm in self.arms}
-        return {
-            arm.name: (tips[arm.name].parentJoint, tips[arm.name].placement * pin.SE3(arm.tool))
-            for arm in self.arms
-        }
+    def _grasp_frames(self) -> WeakKeyDictionary[Arm, tuple[int, Any]]:
+        return WeakKeyDictionary()
 
     def gripper_links(self, arm: Arm) -> frozenset[str]:
         """Return the link names of an arm's gripper in the description."""

@@ -49,14 +49,16 @@ class JointCurve:
         position : array, shape (n_steps, n_joints) [rad, m for prismatic joints]
         """
         x = np.array(time, dtype=float)
-        return cls(x, _clamped(x, np.array(position, dtype=float)))
+        return cls(x, _clamped(x, np.array(position, dtype=float, order="C")))
 
     def __call__(self, time: ArrayLike, order: int = 0) -> Array:
         """Evaluate the derivative of an order at given times; array, shape (..., n_joints)."""
         return self.orders(time, order)[order]
 
     def orders(self, time: ArrayLike, last: int) -> Array:
-        """Evaluate position and derivatives up to an order, 2 at most; array, shape (last + 1, ..., n_joints)."""
+        """Evaluate position and derivatives up to an order, 3 at most; array, shape (last + 1, ..., n_joints)."""
+        if not 0 <= last <= 3:
+            raise OptionError(f"order = {last}", key="order", way_out="give 0 to 3")
         at = np.array(time, dtype=float)
         return _evaluated(self.x, self.c, at.ravel(), last).reshape(last + 1, *at.shape, self.c.shape[2])
 
@@ -121,6 +123,8 @@ def _evaluated(x: Array, c: Array, time: Array, last: int) -> Array:
                 result[1, t, k] = (3.0 * cubic * s + 2.0 * square) * s + slope
             if last > 1:
                 result[2, t, k] = 6.0 * cubic * s + 2.0 * square
+            if last > 2:
+                result[3, t, k] = 6.0 * cubic
     return result
 
 
