@@ -32,7 +32,7 @@ def dodge(record: Record, since: float, seed: int = 0) -> Record | None:
     """
     scene, rng, k = record.scene, np.random.default_rng(seed), round(since / PERIOD)
     n_steps = round(HORIZON / PERIOD)
-    time = np.arange(k + n_steps + 1) * PERIOD
+    time = np.arange(k + n_steps + 1, dtype=np.float64) * PERIOD
     objective = Objective(scene, load_coordinates(scene)).with_penalty(margin=CLEAR)
     moved = scene.displacements(time[k::5])
     axes = [0, 1, 5] if scene.n_dims == 2 else list(range(6))
