@@ -264,10 +264,12 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
     scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
-    programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
+    # More weights bend between samples, where neither speeds nor lengths of quaternions are evaluated.
+    basis = search.basis(min(dmp.basis.n_basis, smoothing.n_basis[-1]), "velocity")
+    programme = ConvexProgramme(scene, dmp.coordinates, basis, dmp.boundary, n_coarse=N_STEPS)
     terms = weights.goal, weights.velocity, weights.resemblance
-    cost, z = PaperSquares(terms, scene.goal.ravel(), taught), dmp.weights.ravel()
-    settings = smoothing.convex
+    cost, settings = PaperSquares(terms, scene.goal.ravel(), taught), replace(smoothing.convex, wish=0.0)
+    z = _refitted(programme, dmp.rollout(), smoothing)
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.curves.motion(z))
@@ -275,6 +277,12 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
             return
         settings = _stricter(settings, attempt, smoothing)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene))
+
+
+def _refitted(programme: ConvexProgramme, motion: CoordinatedMotion, smoothing: SmoothingSettings) -> Array:
+    """Return the shape weights that are nearest to a motion."""
+    times = np.linspace(0.0, 1.0, len(programme.curves.fine.base))
+    return programme.curves.fit(motion.at(times)[0], smoothing.ridges[-1])
 
 
 def too_fast(programme: ConvexProgramme, z: Array, smoothing: SmoothingSettings) -> bool:
@@ -305,8 +313,7 @@ def hurry(
     programme = ConvexProgramme(
         search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=limits
     )
-    curves = programme.curves
-    z = curves.fit(motion.at(np.linspace(0.0, 1.0, len(curves.fine.base)))[0], smoothing.ridges[-1])
+    z, curves = _refitted(programme, motion, smoothing), programme.curves
     _, hands = curves.hands(curves.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
     jerk, pace = gentle.value(hands), limits.pace(hands)
