@@ -176,7 +176,10 @@ def _verified(
             break
         settings = _stricter(settings, attempt, smoothing)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
-    hasty = search.aim.is_time or (not verified and too_fast(programme, z, smoothing))
+    # For equation (4) another path costs less time.
+    hasty = search.aim.is_time or (
+        search.aim.is_smooth and not verified and too_fast(programme, z, smoothing)
+    )
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
         detail = smoothing.fast if search.aim.is_time else smoothing.fastest  # what a message names must do
         return hurry(search, programme.curves.motion(z), detail, smoothing) or verified
