@@ -273,13 +273,15 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
     terms = weights.goal, weights.velocity, weights.resemblance
     cost, settings = PaperSquares(terms, scene.goal.ravel(), taught), replace(smoothing.convex, wish=0.0)
     z = _refitted(programme, dmp.rollout(), smoothing)
+    z = _optimised(search, programme, cost, z, smoothing.convex)  # away from obstacles that hold it fast
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.curves.motion(z))
         if verdict.verified is not None:
             return
         settings = _stricter(settings, attempt, smoothing)
-        programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene))
+        noticed = 1.003 + settings.unnoticed
+        programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene), noticed)
 
 
 def _refitted(programme: ConvexProgramme, motion: CoordinatedMotion, smoothing: SmoothingSettings) -> Array:
