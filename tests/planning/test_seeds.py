@@ -1,5 +1,7 @@
 """Time profiles, and fits of paths with sharp bends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,7 @@ from comove.model import Scene
 from comove.model.coordinates import load_coordinates
 from comove.planning import Comove, solve
 from comove.planning.configurations import configuration_space
-from comove.planning.methods import UNPOLISHED
+from comove.planning.methods import SETTINGS
 from comove.planning.objectives import PaperCost
 from comove.planning.planner import along
 from comove.planning.seeds import fit, profiles, steady, targets_along
@@ -105,7 +107,6 @@ def test_a_plan_that_needs_more_weights_gets_them():
             "limits": {"speed": 2.0},
         }
     )
-    solution = solve(
-        scene, method=Comove(n_plans=1, polishing=UNPOLISHED), budget=30.0, objective=PaperCost()
-    )
+    unpolished = Comove(n_plans=1, settings=replace(SETTINGS, n_polished=0))
+    solution = solve(scene, method=unpolished, budget=30.0, objective=PaperCost())
     assert solution.verified and solution.attempt.basis.n_basis == Comove().n_basis_fine

@@ -36,7 +36,7 @@ from comove.planning.objectives import OwnFunctions
 from comove.planning.planner import SETTINGS as PLANNER
 from comove.planning.planner import PlannerSettings, continuous
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
-from comove.planning.seeds import bumps, fit, targets_along
+from comove.planning.seeds import GENTLE, bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
 from comove.planning.smooth import (
     SmoothingSettings,
@@ -269,8 +269,7 @@ class Comove(Method):
             else:
                 failures += 1
         starts.sort(key=lambda start: start[0])
-        limited = search.kinematics.has_limits
-        if starts and search.hard and not limited and starts[0][1].coordinates.kind == "load":
+        if starts and _is_convex(search):
             search.journal.stage = "polishing"
             for _, dmp in starts[: self.settings.n_polished]:
                 before = search.found.best_cost
@@ -409,7 +408,20 @@ class Comove(Method):
             if mend and hopeful is None and free.any():
                 candidates.ask_all()
                 hopeful = replace(dmp, weights=weights[np.where(free, candidates.rank, np.inf).argmin()])
+        if mend and _is_convex(search) and not (search.scene.moving.any() or dmp.boundary[1].any()):
+            return self._smoothed(search, targets[GENTLE][0], dmp)
         return None if hopeful is None else self._mended(search, hopeful)
+
+    def _smoothed(
+        self, search: Search, way: Array, dmp: CoordinatedDMP
+    ) -> tuple[float, CoordinatedDMP] | None:
+        """Return the motion of least jerk along a path and its cost; None if it is not verified."""
+        search.journal.stage = "mending"
+        if not smooth_way(search, way, dmp.boundary, self.settings.smoothing):
+            return None
+        motion = search.found.best_motion
+        assert motion is not None, "it was verified"
+        return search.worth(motion), replace(dmp, basis=motion.basis, weights=motion.weights)
 
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
         """Return a verified motion near a rejected one and its cost; None if none was found."""
@@ -559,6 +571,11 @@ class Plans(NamedTuple):
             yield plan
             search.check_time()
             search.clock.wind()
+
+
+def _is_convex(search: Search) -> bool:
+    """Return whether convex programmes optimise motions by equation (4)."""
+    return search.hard and not search.kinematics.has_limits and search.objective.coordinates.kind == "load"
 
 
 def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:

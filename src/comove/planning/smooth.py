@@ -176,7 +176,10 @@ def _verified(
             break
         settings = _stricter(settings, attempt, smoothing)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
-    hasty = search.aim.is_time or (not verified and too_fast(programme, z, smoothing))
+    # For equation (4) another path costs less time.
+    hasty = search.aim.is_time or (
+        search.aim.is_smooth and not verified and too_fast(programme, z, smoothing)
+    )
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
         detail = smoothing.fast if search.aim.is_time else smoothing.fastest  # what a message names must do
         return hurry(search, programme.curves.motion(z), detail, smoothing) or verified
@@ -264,17 +267,27 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
     scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
-    programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
+    # More weights bend between samples, where neither speeds nor lengths of quaternions are evaluated.
+    basis = search.basis(min(dmp.basis.n_basis, smoothing.n_basis[-1]), "velocity")
+    programme = ConvexProgramme(scene, dmp.coordinates, basis, dmp.boundary, n_coarse=N_STEPS)
     terms = weights.goal, weights.velocity, weights.resemblance
-    cost, z = PaperSquares(terms, scene.goal.ravel(), taught), dmp.weights.ravel()
-    settings = smoothing.convex
+    cost, settings = PaperSquares(terms, scene.goal.ravel(), taught), replace(smoothing.convex, wish=0.0)
+    z = _refitted(programme, dmp.rollout(), smoothing)
+    z = _optimised(search, programme, cost, z, smoothing.convex)  # away from obstacles that hold it fast
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.curves.motion(z))
         if verdict.verified is not None:
             return
         settings = _stricter(settings, attempt, smoothing)
-        programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene))
+        noticed = 1.003 + settings.unnoticed
+        programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene), noticed)
+
+
+def _refitted(programme: ConvexProgramme, motion: CoordinatedMotion, smoothing: SmoothingSettings) -> Array:
+    """Return the shape weights that are nearest to a motion."""
+    times = np.linspace(0.0, 1.0, len(programme.curves.fine.base))
+    return programme.curves.fit(motion.at(times)[0], smoothing.ridges[-1])
 
 
 def too_fast(programme: ConvexProgramme, z: Array, smoothing: SmoothingSettings) -> bool:
@@ -305,8 +318,7 @@ def hurry(
     programme = ConvexProgramme(
         search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=limits
     )
-    curves = programme.curves
-    z = curves.fit(motion.at(np.linspace(0.0, 1.0, len(curves.fine.base)))[0], smoothing.ridges[-1])
+    z, curves = _refitted(programme, motion, smoothing), programme.curves
     _, hands = curves.hands(curves.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
     jerk, pace = gentle.value(hands), limits.pace(hands)
