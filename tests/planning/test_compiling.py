@@ -94,7 +94,7 @@ class Delayed(Comove):
         for seconds in (0.0, 2e9):
             search.clock.compiled.seconds += seconds
             search.clock.array[LEFT] = 0.0  # the next look at the time comes at once
-            found.append(next(plans.drawn(search, 1, 0, 1000)) is not None)
+            found.append(plans.targets(0, 1000, search.rng) is not None)
         assert found == [False, True]
         search.journal.log["planned"] = 1.0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,7 +16,7 @@ from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
 from comove.model.scene import Scene
-from comove.planning.ahead import Plan, PlansAhead, Targets, drawn
+from comove.planning.ahead import Plan, PlansAhead, Targets
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import (
@@ -254,7 +254,6 @@ class Comove(Method):
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.journal.stage = "planning"
-            search.clock.wind()
             found, start = plans.targets(failures, self._nodes(failures), search.rng), None
             if found is not None:
                 mend = search.found.best is None and (plans_are_dear or unfit >= self.n_unfit)
@@ -290,10 +289,6 @@ class Comove(Method):
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
         dear = search.kinematics.has_limits or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
-        with closing(PlansAhead(search, plans.planner, n_drawn)) as ahead:
-            return self._smooth_ways(search, plans, ahead, dear)
-
-    def _smooth_ways(self, search: Search, plans: Plans, ahead: PlansAhead, dear: bool) -> bool:
         failures = idle = met = smooth = 0
         known = list[tuple[Array, float]]()
         space, ends = plans.space, plans.ends
@@ -305,60 +300,63 @@ class Comove(Method):
             taught = False
             if self._smooth_demonstration(search):
                 return True
-        while tried < n_ways and idle < n_idle and met < n_met:
-            if idle >= self.settings.hasty_idle and (
-                hasty or (search.found.best is None and search.found.needed < np.inf)
-            ):
-                break  # seconds a way, and ways differ less in time than in jerk
-            search.check_time()
-            search.journal.stage = "planning"
-            nodes = self._nodes(failures if search.found.best is None else 0)
-            for found in ahead.taken() or plans.drawn(search, ahead.count, failures, nodes):
-                if found is None:
-                    failures += 1
+        with closing(PlansAhead(search, plans.planner, n_drawn)) as ahead:
+            while tried < n_ways and idle < n_idle and met < n_met:
+                if idle >= self.settings.hasty_idle and (
+                    hasty or (search.found.best is None and search.found.needed < np.inf)
+                ):
+                    break  # seconds a way, and ways differ less in time than in jerk
+                begun = ahead.taken()
+                for k in range(n_drawn):
+                    search.check_time()
+                    search.journal.stage = "planning"
+                    nodes = self._nodes(failures if search.found.best is None else 0)
+                    found = begun[k] if begun else plans.targets(failures, nodes, search.rng)
+                    if found is None:
+                        failures += 1
+                        break
+                    # Something to hand out at once; where the duration is open it would be a slow motion.
+                    if search.found.best is None and not search.paced:
+                        self._certified_fit(search, *found, mend=False)
+                    pool.append(found)
+                if failures >= self.n_failures:
                     break
-                # Something to hand out at once; where the duration is open it would be a slow motion.
-                if search.found.best is None and not search.paced:
-                    self._certified_fit(search, *found, mend=False)
-                pool.append(found)
-            if failures >= self.n_failures:
-                break
-            if not pool:
-                continue
-            targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
-            before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
-            like = _like(space, targets[0][:: self.settings.compared], known)
-            if like is not None:  # what it would become is known
-                tried, idle = tried + 1, idle + 1
-                met += like < (1 + self.settings.worth_another) * search.found.best_cost
-                continue
-            # One that gains nothing may be the last one.
-            if not limited and tried + 1 < n_ways and idle + 1 < n_idle and met + 1 < n_met:
-                ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
-            if tried == 0 and taught:
-                self._smooth_demonstration(search)
-            search.journal.stage = "smoothing"
-            # The first target is run with least jerk, or as it was planned in time.
-            boundary = np.stack([ends[0], ends[1], goal, ends[3]])
-            done = smooth_way(search, targets[0], boundary, self.settings.smoothing)
-            tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
-            # In space ways around an obstacle can be deformed into each other, and yet differ.
-            if done and space.blocks.n_dims == 2 and not dear and search.found.latest_motion is not None:
-                times = np.linspace(0.0, 1.0, N_STEPS)[:: self.settings.compared]
-                known.append((search.found.latest_motion.at(times)[0], search.found.latest))
-            if search.found.best is None and self._will_do(search):
-                return True
-            gained = search.found.best_cost < (1 - self.settings.worth_another) * before
-            gained |= search.found.needed < (1 - self.settings.worth_another) * needed
-            idle = 0 if gained or needed == search.found.best_cost == np.inf else idle + 1
-            met = (
-                1
-                if gained
-                else met + (search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost)
-            )
-            if search.found.best_cost < (1 + self.settings.worth_another) * least_worth(search):
-                break
-        ahead.close()
+                if not pool:
+                    continue
+                targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
+                before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
+                like = _like(space, targets[0][:: self.settings.compared], known)
+                if like is not None:  # what it would become is known
+                    tried, idle = tried + 1, idle + 1
+                    met += like < (1 + self.settings.worth_another) * search.found.best_cost
+                    continue
+                # One that gains nothing may be the last one.
+                if not limited and tried + 1 < n_ways and idle + 1 < n_idle and met + 1 < n_met:
+                    ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
+                if tried == 0 and taught:
+                    self._smooth_demonstration(search)
+                search.journal.stage = "smoothing"
+                # The first target is run with least jerk, or as it was planned in time.
+                boundary = np.stack([ends[0], ends[1], goal, ends[3]])
+                done = smooth_way(search, targets[0], boundary, self.settings.smoothing)
+                tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
+                # In space ways around an obstacle can be deformed into each other, and yet differ.
+                if done and space.blocks.n_dims == 2 and not dear and search.found.latest_motion is not None:
+                    times = np.linspace(0.0, 1.0, N_STEPS)[:: self.settings.compared]
+                    known.append((search.found.latest_motion.at(times)[0], search.found.latest))
+                if search.found.best is None and self._will_do(search):
+                    return True
+                gained = search.found.best_cost < (1 - self.settings.worth_another) * before
+                gained |= search.found.needed < (1 - self.settings.worth_another) * needed
+                idle = 0 if gained or needed == search.found.best_cost == np.inf else idle + 1
+                met = (
+                    1
+                    if gained
+                    else met
+                    + (search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost)
+                )
+                if search.found.best_cost < (1 + self.settings.worth_another) * least_worth(search):
+                    break
         # Arms have other limits than the scene's.
         if search.found.best_motion is not None and hasty and not limited:
             hurry(search, search.found.best_motion, self.settings.smoothing.fastest, self.settings.smoothing)
@@ -564,14 +562,6 @@ class Plans(NamedTuple):
 
         return cls(space, ends, planner, planner(space.clock), in_time)
 
-    def drawn(self, search: Search, count: int, failures: int, max_nodes: int) -> Iterator[Plan | None]:
-        """Yield plans as `ahead.drawn` does, within the search's own budget."""
-        search.clock.wind()
-        for plan in drawn(self.targets, count, failures, max_nodes, search.rng):
-            yield plan
-            search.check_time()
-            search.clock.wind()
-
 
 def _is_convex(search: Search) -> bool:
     """Return whether convex programmes optimise motions by equation (4)."""
@@ -602,6 +592,8 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
 
     def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
+        if space.clock is search.clock.array:
+            search.clock.wind()
         path = grow(space, start, goal, margin, rng, required=required, max_nodes=max_nodes)
         if path is None:
             return None
@@ -651,6 +643,8 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
     def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         share = settings.shares[failures % len(settings.shares)]
         margin = settings.margins[failures % len(settings.margins)]
+        if space.clock is search.clock.array:
+            search.clock.wind()
         found = search.kinematics.plan_in_time(
             world,
             *lifts,

@@ -13,7 +13,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from weakref import WeakValueDictionary
 
 import coal
 import numpy as np
@@ -166,15 +166,18 @@ class Robot:
 
     def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
         """Return the joint that moves a grasp frame, and the placement there. It is an SE3."""
-        if arm not in self._grasp_frames:
-            tip = self.model.frames[self.model.getFrameId(arm.tip)]
-            self._grasp_frames[arm] = tip.parentJoint, tip.placement * pin.SE3(arm.tool)
-        joint, placement = self._grasp_frames[arm]
-        return joint, placement.copy()
+        if arm in self._grasp_frames:
+            joint, placement = self._grasp_frames[arm]
+            return joint, placement.copy()
+        tip = self.model.frames[self.model.getFrameId(arm.tip)]
+        found = tip.parentJoint, tip.placement * pin.SE3(arm.tool)
+        if arm in self.arms:
+            self._grasp_frames[arm] = found
+        return found
 
     @cached_property
-    def _grasp_frames(self) -> WeakKeyDictionary[Arm, tuple[int, Any]]:
-        return WeakKeyDictionary()
+    def _grasp_frames(self) -> dict[Arm, tuple[int, Any]]:
+        return {}
 
     def gripper_links(self, arm: Arm) -> frozenset[str]:
         """Return the link names of an arm's gripper in the description."""

@@ -120,7 +120,7 @@ def _played(page):
         (("view", "--html", "x.html"), "name a scene"),
         (("view", example_path("wide"), example_path("wide")), "named twice"),
         (("view", "no_such.yaml"), "no_such.yaml"),
-        (("view", ".", "--html", "x.html"), "which scene was solved"),
+        (("view", ".", "--html", "x.html"), "it holds no solution.json"),
         (("report", "no_such", "--html", "x.html"), "no such folder"),
         (("view", example_path("wide"), "--html", "no/such/x.html"), "no folder"),
         (("view", example_path("wide"), "--port", "70000"), "--port"),

@@ -219,7 +219,7 @@ def test_pages_do_not_disturb_each_other(bench):
     assert sessions[1].history.now.contents["duration"] == 10.0
     pid = sessions[1].link.pid
     first.close()
-    soon(lambda: sessions[0].closed)
+    soon(lambda: sessions[0].player.closed)
     assert alive(pid)
     second.close()
 
@@ -275,7 +275,7 @@ def two_stored(bench):
         assert invoke("solve", "narrow.yaml", *options, folder=folder).exit_code == 0
     guarded = serve(shelf_of([folder / "first", folder / "second"], folder))
     page = Page(guarded.address.rstrip("/")).appear()
-    soon(lambda: sessions and sessions[-1].solved == sessions[-1].asked)  # either of the two may come first
+    soon(lambda: sessions and sessions[-1].link.solved == sessions[-1].link.asked)  # either of the two may come first
     yield page, sessions[-1], folder
     page.close()
     guarded.stop()
