@@ -275,7 +275,9 @@ def two_stored(bench):
         assert invoke("solve", "narrow.yaml", *options, folder=folder).exit_code == 0
     guarded = serve(shelf_of([folder / "first", folder / "second"], folder))
     page = Page(guarded.address.rstrip("/")).appear()
-    soon(lambda: sessions and sessions[-1].link.solved == sessions[-1].link.asked)  # either of the two may come first
+    soon(
+        lambda: sessions and sessions[-1].link.solved == sessions[-1].link.asked
+    )  # either of the two may come first
     yield page, sessions[-1], folder
     page.close()
     guarded.stop()
