@@ -54,7 +54,7 @@ def main() -> None:
         "--many", type=float, default=MANY, help="seconds of each search for the best; 0: none"
     )
     parser.add_argument("--parts", action="store_true", help="where the time goes")
-    parser.add_argument("--cores", action="store_true", help="one core and two")
+    parser.add_argument("--cores", action="store_true", help="times with one core and with two")
     asked = parser.parse_args()
     on_one_thread()
     warnings.simplefilter("ignore")
@@ -85,7 +85,7 @@ def print_cores(drawn: dict[str, list[comove.Scene]]) -> None:
     """Print times with one core and with two, by kind of scenes."""
     rows = []
     for kind, those in drawn.items():
-        times, same = list[list[float]](), 0
+        times, same = list[list[float]](), list[bool]()
         for scene in (those[0], *those):  # a first solve that does not count
             weights, spent = [], list[float]()
             for cores in (1, 2):
@@ -95,22 +95,12 @@ def print_cores(drawn: dict[str, list[comove.Scene]]) -> None:
                 spent += [time.perf_counter() - wall, time.process_time() - processor]
                 weights.append(solution.attempt.weights)
             times.append(spent)
-            same += np.array_equal(*weights)
+            same.append(np.array_equal(*weights))
         ms = 1e3 * np.array(times[1:])
         ratio = np.median(ms[:, 2] / ms[:, 0])
-        rows.append(
-            [kind, *(f"{x:.1f}" for x in np.median(ms, axis=0)), f"{ratio:.2f}", f"{same - 1} of {len(ms)}"]
-        )
-    head = (
-        "scenes",
-        "one core",
-        "its processor time",
-        "two cores",
-        "their processor time",
-        "ratio on the wall",
-        "same",
-    )
-    print_table(head, rows)
+        figures = (f"{x:.1f}" for x in np.median(ms, axis=0))
+        rows.append([kind, *figures, f"{ratio:.2f}", f"{sum(same[1:])} of {len(ms)}"])
+    print_table(["scenes", "one core", "processor", "two cores", "processor", "ratio", "same motion"], rows)
 
 
 def print_parts(drawn: dict[str, list[comove.Scene]]) -> None:

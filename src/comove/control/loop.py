@@ -235,17 +235,19 @@ class ControlLoop:
         require_positive("budget", budget)
         poses, joints, replanner = [self.poses], [self.joints], self.replanner
         with self._interruption.noticed():
-            while not (self.interrupted or self.time >= budget + BRAKING - 1e-9):
-                if self.time >= budget - 1e-9:
-                    if self._speed <= self.settings.at_rest:
+            try:
+                while not (self.interrupted or self.time >= budget + BRAKING - 1e-9):
+                    if self.time >= budget - 1e-9:
+                        if self._speed <= self.settings.at_rest:
+                            break
+                        self.replanner = Standstill()
+                    self._follow()
+                    poses.append(self.poses)
+                    joints.append(self.joints)
+                    if self.ended:
                         break
-                    self.replanner = Standstill()
-                self._follow()
-                poses.append(self.poses)
-                joints.append(self.joints)
-                if self.ended:
-                    break
-        self.replanner = replanner
+            finally:
+                self.replanner = replanner
         if self.arrived or len(poses) == 1:
             poses.append(self.poses)  # and stands
             joints.append(self.joints)

@@ -35,7 +35,7 @@ from comove.errors import (
 )
 from comove.io.files import telling
 from comove.io.keys import Contract, Flaw, Part, Wrong, explained, scene_error
-from comove.io.kinds import Kind, misnamed
+from comove.io.kinds import PathKind, misnamed
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.model.demonstration import LIBRARY
 from comove.model.files.keys import READING
@@ -422,7 +422,7 @@ def read_study(path: Path, model: type[Model], contract: Contract) -> tuple[Mode
     try:
         return model.model_validate(data), lines
     except ValidationError as error:
-        if found := misnamed(path, Kind.STUDY):
+        if found := misnamed(path, PathKind.STUDY):
             raise SceneError(found[0], file=path, way_out=found[1]) from None
         raise scene_error(explained(error, data, contract), path, lines) from None
 

@@ -20,7 +20,7 @@ SCENE = "scene.json"  # of a result folder
 SCENES = (".yaml", ".yml", ".json")
 
 
-class Kind(Enum):
+class PathKind(Enum):
     """A kind of file or folder; the value describes it."""
 
     SCENE = "a scene"
@@ -33,20 +33,20 @@ class Kind(Enum):
     NOTHING = "nothing"
 
 
-def kind_of(path: Path) -> Kind:
+def kind_of(path: Path) -> PathKind:
     """Return what a path is."""
     if os.path.isdir(path):  # unlike Path's, it takes any name
-        return Kind.RESULT if listed_inputs(path) else Kind.FOLDER
+        return PathKind.RESULT if listed_inputs(path) else PathKind.FOLDER
     if not os.path.exists(path):
-        return Kind.NOTHING
+        return PathKind.NOTHING
     data = _contents(path)
     if listed_inputs(path.parent) and (path.name == SCENE or "workspace" not in data):
-        return Kind.PART
+        return PathKind.PART
     if {"models", "arms"} <= set(data):
-        return Kind.ROBOT
+        return PathKind.ROBOT
     if "workspace" in data:
-        return Kind.SCENE
-    return Kind.STUDY if isinstance(data.get("scene"), str) else Kind.FILE
+        return PathKind.SCENE
+    return PathKind.STUDY if isinstance(data.get("scene"), str) else PathKind.FILE
 
 
 def no_result_folder(path: Path, made_by: str) -> ResultError:
@@ -57,29 +57,29 @@ def no_result_folder(path: Path, made_by: str) -> ResultError:
     made_by : command that makes such a folder from SCENE, if it names one, and calls it DIR
     """
     kind = kind_of(path)
-    if kind is Kind.NOTHING:
+    if kind is PathKind.NOTHING:
         return ResultError("there is no such folder", file=path, way_out=f"make it by: {made_by}")
-    if kind is Kind.SCENE:
+    if kind is PathKind.SCENE:
         way_out = f"solve it, and name the folder that is made: {_command(path, made_by)}"
-    elif kind is Kind.PART:
+    elif kind is PathKind.PART:
         way_out = f"name the folder: {path.parent}"
     else:
         way_out = f"name a folder that is made by: {made_by}"
-    wanted = "the folder" if kind is Kind.PART else "a result folder"
+    wanted = "the folder" if kind is PathKind.PART else "a result folder"
     return ResultError(f"it is {kind.value}, not {wanted}", file=path, way_out=way_out)
 
 
 def no_result_in(folder: Path, missing: str) -> ResultError:
     """Return the error that files of a result are missing."""
     why, way_out = f"it holds no {missing}", "name a folder of comove solve or comove run"
-    scenes = [path for path in sorted(folder.glob("*.y*ml")) if kind_of(path) is Kind.SCENE]
+    scenes = [path for path in sorted(folder.glob("*.y*ml")) if kind_of(path) is PathKind.SCENE]
     if scenes:
         why = "it holds scenes, and no result"
         way_out = f"solve one, and name the folder that is made: {_command(scenes[0])}"
     return ResultError(why, file=folder, way_out=way_out)
 
 
-def misnamed(path: Path, wanted: Kind) -> tuple[str, str] | None:
+def misnamed(path: Path, wanted: PathKind) -> tuple[str, str] | None:
     """Return why a refused file is wrong, and what to do.
 
     It is None where the file may be of the kind.
@@ -89,25 +89,25 @@ def misnamed(path: Path, wanted: Kind) -> tuple[str, str] | None:
     wanted : a scene, a robot's description or a study
     """
     kind = kind_of(path)
-    way_out = _way_to_scene(path, kind) if wanted is Kind.SCENE else ""
-    if kind is Kind.SCENE and wanted is Kind.ROBOT:
+    way_out = _way_to_scene(path, kind) if wanted is PathKind.SCENE else ""
+    if kind is PathKind.SCENE and wanted is PathKind.ROBOT:
         robot = _contents(path).get("robot")
         way_out = f"name its robot: {robot}" if isinstance(robot, str) else "name a robot or its description"
-    if kind is Kind.SCENE and wanted is Kind.STUDY:
+    if kind is PathKind.SCENE and wanted is PathKind.STUDY:
         way_out = f"write a study of it, with the keys name, 'scene: {path.name}' and episodes"
     return (f"it is {kind.value}, not {wanted.value}", way_out) if way_out else None
 
 
-def _way_to_scene(path: Path, kind: Kind) -> str:
+def _way_to_scene(path: Path, kind: PathKind) -> str:
     """Return which scene to name instead of something else; empty where that is not known."""
     scene = (path if os.path.isdir(path) else path.parent) / SCENE
-    if kind is Kind.RESULT or (kind is Kind.PART and path.name != SCENE):
+    if kind is PathKind.RESULT or (kind is PathKind.PART and path.name != SCENE):
         return f"name its scene: {scene}" if scene.is_file() else "name the scene that was solved"
-    if kind is Kind.ROBOT:
+    if kind is PathKind.ROBOT:
         return f"make a scene for it: comove robot scene {shlex.quote(str(path))} --out scene.yaml"
-    if kind is Kind.STUDY:
+    if kind is PathKind.STUDY:
         return f"name its scene: {path.parent / str(_contents(path)['scene'])}"
-    if kind is Kind.FILE and path.is_file() and path.suffix.lower() not in SCENES and not _contents(path):
+    if kind is PathKind.FILE and path.is_file() and path.suffix.lower() not in SCENES and not _contents(path):
         return f"name a scene (YAML); {near_files(path.parent, path.name, SCENES[:2])}"
     return ""
 

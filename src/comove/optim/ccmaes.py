@@ -185,7 +185,7 @@ class CCMAES:
 
 
 @dataclass(eq=False)
-class Drawn:
+class Offspring:
     """The samples of a generation, of which infeasible ones are drawn again.
 
     Attributes
@@ -206,7 +206,7 @@ class Drawn:
     before: tuple[ReducibleCovariance, Array]
 
     @classmethod
-    def of(cls, x: Array, m: int, before: tuple[ReducibleCovariance, Array]) -> Drawn:
+    def of(cls, x: Array, m: int, before: tuple[ReducibleCovariance, Array]) -> Offspring:
         """Return unevaluated samples; array, shape (population, n)."""
         return cls(x, np.full((len(x), m), np.nan), np.arange(len(x)), np.zeros(len(x)), 0, before)
 
@@ -250,7 +250,7 @@ class CCMAESRun(OptimiserRun):
 
     def _sample(self) -> None:
         before = copy.deepcopy((self._form, self._records))
-        self._drawn = Drawn.of(self._es.ask(), len(self._start.equality), before)
+        self._drawn = Offspring.of(self._es.ask(), len(self._start.equality), before)
         self._ask_open()
 
     def _ask_open(self) -> None:

@@ -14,7 +14,7 @@ from comove.optim.cmaes import numbers
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class Bounds:
     """Bounds of all variables; equal ones fix a variable, of which a run knows nothing.
 
     Attributes
@@ -26,7 +26,7 @@ class Box:
     upper: Array
 
     @classmethod
-    def checked(cls, bounds: tuple[object, object] | None, n: int) -> Box:
+    def checked(cls, bounds: tuple[object, object] | None, n: int) -> Bounds:
         """Return the box of a pair of bounds, numbers or arrays; raise `OptionError` if they are none."""
         try:
             ends = (np.asarray(bound, dtype=np.float64) for bound in bounds or (-np.inf, np.inf))

@@ -13,7 +13,7 @@ SIGN = "h <= 0 is feasible"
 
 
 @dataclass(frozen=True, eq=False)
-class Best:
+class BestPoint:
     """The best point: feasible before infeasible, then the lower objective or violation.
 
     Attributes
@@ -32,7 +32,7 @@ class Best:
         """Return the objective of a feasible point; NaN of another."""
         return self.fun if self.violation == 0.0 else np.nan
 
-    def among(self, x: Array, objective: Array, violation: Array) -> Best:
+    def among(self, x: Array, objective: Array, violation: Array) -> BestPoint:
         """Return the best of this point and others; arrays, shapes (n_points, n), (n_points,), (n_points,)."""
         known = not np.isnan(self.feasible_fun)
         better = (violation == 0.0) & (objective < self.fun if known else np.isfinite(objective))
@@ -42,7 +42,7 @@ class Best:
             return self
         else:
             i = int(np.argmin(violation))
-        return Best(x[i].copy(), float(objective[i]), float(violation[i]))
+        return BestPoint(x[i].copy(), float(objective[i]), float(violation[i]))
 
 
 class Evaluations:
@@ -56,7 +56,7 @@ class Evaluations:
     finite_objective, finite_constraints : whether any value was finite
     """
 
-    def __init__(self, best: Best) -> None:
+    def __init__(self, best: BestPoint) -> None:
         self.best = best
         self.n_objective = self.n_constraint = 0
         self.improvements: list[tuple[float, ...]] = []

@@ -17,10 +17,10 @@ from comove.arrays import Array
 from comove.errors import OptionError
 from comove.optim.augmented_lagrangian import AugmentedLagrangian
 from comove.optim.cmaes import check_start, check_whole, default_population, numbers
-from comove.optim.domain import Box, Prior, checked_covariance
-from comove.optim.evaluations import SIGN, Best, Evaluations
+from comove.optim.domain import Bounds, Prior, checked_covariance
+from comove.optim.evaluations import SIGN, BestPoint, Evaluations
 from comove.optim.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
-from comove.optim.restarts import BIPOP, Restarts, Runs, Setting
+from comove.optim.restarts import BIPOP, Restarts, RunSequence, Setting
 from comove.optim.restoration import Restoration
 from comove.optim.simple import Plain, ProjectionRepair
 
@@ -137,7 +137,7 @@ def minimise(
     if not vectorized:
         objective = partial(others.one_by_one, f, map)
         h = partial(others.one_by_one, constraints, map) if constraints else h
-    at_start = _row(h, Box.checked(bounds, len(x0)).nearest(x0))
+    at_start = _row(h, Bounds.checked(bounds, len(x0)).nearest(x0))
     search = Minimiser(
         x0,
         sigma0,
@@ -263,8 +263,8 @@ class Minimiser:
                 )
         self._method = method or (AugmentedLagrangian() if n_constraints else Plain())
         rule = restarts or (GROWING if isinstance(self._method, AugmentedLagrangian) else BIPOP())
-        self._runs = Runs(rule, int(seed), Setting(population))
-        self._evaluations = Evaluations(Best(mean))
+        self._runs = RunSequence(rule, int(seed), Setting(population))
+        self._evaluations = Evaluations(BestPoint(mean))
         self.reason: Reason | None = None
         self._asked = False
         self._guests = np.zeros((0, len(mean)))
@@ -342,7 +342,7 @@ class Minimiser:
             covariance[np.ix_(before.free, before.free)] = learned
         self._box = box
         if not box.holds(best.x):
-            self._evaluations.best = Best(box.nearest(best.x))
+            self._evaluations.best = BestPoint(box.nearest(best.x))
         self._guests = box.nearest(self._guests)
         x, free = box.nearest(before.whole(mean)), box.free
         self._begun = replace(
@@ -487,9 +487,9 @@ def _moderate(values: Array) -> Array:
     return np.where(np.isfinite(values), np.clip(values, -HUGE, HUGE), values)
 
 
-def _checked_box(bounds: tuple[object, object] | None, n: int, method: object) -> Box:
+def _checked_box(bounds: tuple[object, object] | None, n: int, method: object) -> Bounds:
     """Return the box of bounds in which a method can search."""
-    box = Box.checked(bounds, n)
+    box = Bounds.checked(bounds, n)
     if not box.free.any():
         raise OptionError("every variable is fixed", key="bounds", way_out="leave one of them free")
     if isinstance(method, ProjectionRepair) and not box.free.all():

@@ -45,7 +45,7 @@ class Restarts(Protocol):
         """Return the setting of the next run, or None to end."""
 
 
-class Runs:
+class RunSequence:
     """The runs of a search, one after the other, by a rule.
 
     Attributes

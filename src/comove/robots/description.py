@@ -315,8 +315,8 @@ def load_description(path: Path) -> RobotFile:
         except ValidationError as error:
             raise scene_error(explained(error, data, _CONTRACT), path, lines) from None
     except SceneError as error:
-        from comove.io.kinds import Kind, misnamed
+        from comove.io.kinds import PathKind, misnamed
 
-        if found := misnamed(path, Kind.ROBOT):
+        if found := misnamed(path, PathKind.ROBOT):
             raise RobotError(found[0], file=path, way_out=found[1]) from None
         raise RobotError(error.message, file=error.file, key=error.key, way_out=error.way_out) from None

@@ -387,9 +387,9 @@ def read_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
         folder = scene_folder(Path(path))
         return parsed(data, folder=folder, file=path, lines=lines, is_stored=folder != Path(path).parent)
     except SceneError:
-        from comove.io.kinds import Kind, misnamed
+        from comove.io.kinds import PathKind, misnamed
 
-        if (found := misnamed(Path(path), Kind.SCENE)) is None:
+        if (found := misnamed(Path(path), PathKind.SCENE)) is None:
             raise
         raise SceneError(found[0], file=path, way_out=found[1]) from None
 

@@ -268,9 +268,7 @@ def _direction(points: Array, a: int, b: int, unit: Array) -> None:
     """Write the unit vector from a point to another."""
     for axis in range(3):
         unit[axis] = points[b, axis] - points[a, axis]
-    size = np.sqrt(unit[0] ** 2 + unit[1] ** 2 + unit[2] ** 2)
-    for axis in range(3):
-        unit[axis] /= size
+    _normalise(unit)
 
 
 @kernel
@@ -281,9 +279,14 @@ def _normal(a: Array, b: Array, unit: Array) -> None:
         a[2] * b[0] - a[0] * b[2],
         a[0] * b[1] - a[1] * b[0],
     )
-    size = np.sqrt(unit[0] ** 2 + unit[1] ** 2 + unit[2] ** 2)
+    _normalise(unit)
+
+
+@kernel
+def _normalise(vector: Array) -> None:
+    size = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     for axis in range(3):
-        unit[axis] /= size
+        vector[axis] /= size
 
 
 def leverage(carried: Carried) -> float:

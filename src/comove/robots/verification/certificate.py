@@ -140,10 +140,8 @@ class CarryCourse:
 
     def intervals(self, number: Integers, parts: int) -> tuple[Intervals, Array]:
         """Return intervals by `number`, (n_intervals,), with ends and middles, (n_instants,) [s]."""
-        last, begins = (
-            float(self.curve.x[-1]),
-            np.diff(number, prepend=-2) > 1,
-        )  # the others begin where one ends
+        last = float(self.curve.x[-1])
+        begins = np.diff(number, prepend=-2) > 1  # the others begin where one ends
         knot = (2 * np.arange(len(number)) + np.cumsum(begins) - 1)[:, None] + np.arange(3)
         time = np.empty(2 * len(number) + int(begins.sum()))
         time[knot] = last * (2 * number[:, None] + np.arange(3)) / (2 * parts)
