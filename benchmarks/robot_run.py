@@ -102,7 +102,7 @@ def witness(executor: JointExecutor, seed: int) -> MotionReference | None:
         courses=replace(courses, n_slots=250, costs=courses.costs._replace(met=0.01 - scene.clearance)),
     )
     settings = replace(executor.replanner.settings, finder=denser)
-    plan, arms = MotionReference.of_plan(executor.plan, executor.columns), finder.ground.arms
+    plan, arms = MotionReference.of_plan(executor.plan, executor.held.columns), finder.ground.arms
     needs = finder.ground.needs
     all_knowing = Pilot(
         CourseFinder(finder.standing, arms, finder.coordinates, plan, needs, seed=seed, settings=denser),

@@ -79,7 +79,7 @@ class Executor(ControlLoop):
         movements, pace = movements_of(demonstration, scene), pace or Pace()
         if movements is not None:  # once, and not for the rest of it that every plan follows
             warn_of_adaptation(movements, scene)
-        super().__init__(scene, Known(scene) if observer is None else observer, pace.period, SETTINGS)
+        super().__init__(scene, Known(scene) if observer is None else observer, SETTINGS)
         self.filter = SafetyFilter(scene, pace.period, FilterSettings(spare=SETTINGS.spare))
         self.replanner: PlanReplanner = PlanReplanner(movements, seed, pace)
         self.observer.carried(self.time, nodes_of(scene, self.poses))

@@ -172,15 +172,14 @@ class ControlLoop:
     ----------
     scene : the scene to be executed
     observer : observer of its obstacles
-    period : control period [s]
     settings : when it has arrived, and how it returns to the reference
     """
 
     replanner: Replanner
     filter: SafetyFilter
 
-    def __init__(self, scene: Scene, observer: Observer, period: float, settings: LoopSettings):
-        self.scene, self.observer, self.period, self.settings = scene, observer, period, settings
+    def __init__(self, scene: Scene, observer: Observer, settings: LoopSettings):
+        self.scene, self.observer, self.settings = scene, observer, settings
         self.log, self.n_steps, self.goal = ExecutionLog(), 0, poses_of(scene, "goal")
         self._interruption = Interruption()
         self._stop_at(poses_of(scene, "start"))
@@ -189,6 +188,11 @@ class ControlLoop:
         """Rest at some poses."""
         self.poses, self.twists = poses, np.zeros((len(self.scene.groups), 6))
         self._before = np.zeros((len(self.scene.manipulators), 3))
+
+    @property
+    def period(self) -> float:
+        """Return the control period [s]."""
+        return self.filter.period
 
     @property
     def time(self) -> float:
@@ -324,10 +328,10 @@ class ControlLoop:
             self.twists = twists_between(self.scene, self.poses, reference.ahead, self.period)
             self._move(np.zeros(0))
             return
-        pace = self._pace(reference, lag)
+        pace, joints = self._paced(reference, lag)
         twists = pace * twists_between(self.scene, reference.here, reference.ahead, self.period)
         twists = twists + twists_between(self.scene, self.poses, reference.here, self.settings.catch_up)
-        wanted, joints = hand_velocities(self.scene, self.poses, twists), self._joint_state(reference, pace)
+        wanted = hand_velocities(self.scene, self.poses, twists)
         seen = self.observer.observe(self.time)
         allowed = self.filter.allowed(self.poses, self._before, wanted, seen, joints)
         self.log.note(allowed, self.scene)
@@ -335,13 +339,9 @@ class ControlLoop:
         self._move(allowed.rates)
         self.replanner.advance(self, pace)
 
-    def _pace(self, reference: Setpoint, lag: float) -> float:
-        """Return the reference's time scaling, 0 to 1."""
-        return 1.0
-
-    def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
-        """Return the joints' state for the safety filter, if there are any."""
-        return NO_JOINTS
+    def _paced(self, reference: Setpoint, lag: float) -> tuple[float, JointState]:
+        """Return the reference's time scaling, 0 to 1, and the joints' state for the safety filter."""
+        return 1.0, NO_JOINTS
 
     def _move(self, rates: Array) -> None:
         """Move the rigid groups by their twists, and joints by their rates."""

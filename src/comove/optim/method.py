@@ -145,7 +145,6 @@ class OptimiserRun(AskAndTell):
         parameters = parameters or Parameters.default(n, start.population, active=True)
         covariance = FullCovariance(n, start.covariance) if covariance is None else covariance
         self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters, covariance=covariance)
-        self._valueless = 0
         # The window grows with the number of variables per sample.
         self._patience = Patience(start.sigma, int(patience * (100 + 50 * n / parameters.population)))
 
@@ -170,8 +169,7 @@ class OptimiserRun(AskAndTell):
 
     def _teaches(self, known: bool) -> bool:
         """Return whether values are finite; otherwise draw the generation again."""
-        self._valueless = 0 if known else self._valueless + 1
-        if self._valueless >= VALUELESS:
+        if self._patience.is_spent(known):
             self.reason = Reason.NOT_FINITE
         elif not known:
             self._next()
@@ -202,6 +200,8 @@ class Patience:
     window : number of generations over which the spread must shrink
     smallest_step : smallest step size relative to the first
     smallest_spread : smallest spread of the values of a generation
+    spreads : those of the latest generations
+    valueless : number of generations in a row without any value
     """
 
     sigma: float
@@ -209,6 +209,12 @@ class Patience:
     smallest_step: float = 1e-12
     smallest_spread: float = 1e-12
     spreads: list[float] = field(default_factory=list)
+    valueless: int = 0
+
+    def is_spent(self, known: bool) -> bool:
+        """Return whether too many generations in a row had no value, the last one too unless it is known."""
+        self.valueless = 0 if known else self.valueless + 1
+        return self.valueless >= VALUELESS
 
     def reason(self, deviations: Array, axis_ratio: float, values: Array) -> Reason | None:
         """Return the reason to end after values, shape (population,), or None."""

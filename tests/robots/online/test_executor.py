@@ -61,7 +61,7 @@ def hold_error(executor, commands, poses):
     for q, nodes in zip(commands[1:], poses, strict=True):
         hands = nodes[:2]
         turns = scene.grasp.hand_rotations(hands)
-        for i, arm in enumerate(executor.carrier.holders):
+        for i, arm in enumerate(executor.held.carrier.holders):
             pose = machine.tool_pose(q, arm)
             worst = max(worst, np.abs(pose[:3, 3] - hands[i]).max(), np.abs(pose[:3, :3] - turns[i]).max())
     return worst
@@ -137,11 +137,13 @@ def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands(
         executor.recover(executor.position)
     for _ in range(300):
         executor.step(executor.position)
-    machine, arms = executor.robot, executor.carrier.holders
+    machine, arms = executor.robot, executor.held.carrier.holders
     held = np.array([machine.tool_pose(executor.position, arm) for arm in arms])
     tilted = displaced(held, np.array([0.3, 0.2, 0.0]), np.array([-0.05, 0.0, 0.04]))
     away = executor.position.copy()
-    away[executor.columns] = way_back(executor.carrier.arms, away[executor.columns], held, tilted)[-1]
+    away[executor.held.columns] = way_back(
+        executor.held.carrier.arms, away[executor.held.columns], held, tilted
+    )[-1]
     before = executor.position.copy()
     with pytest.raises(RobotError, match="rad from where it was commanded"):
         executor.step(away)
@@ -150,7 +152,7 @@ def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands(
     measured, gives = before, executor.settings.recovery.gives
     for share in np.linspace(0.0, 1.0, 100):  # it is still driven
         measured = before + share * (away - before)
-        assert np.abs(executor.recover(measured) - measured)[executor.columns].max() <= gives + 1e-12
+        assert np.abs(executor.recover(measured) - measured)[executor.held.columns].max() <= gives + 1e-12
     for _ in range(60):  # it stands, but not for long enough
         command = executor.recover(measured)
     assert np.abs(command - measured).max() <= gives + 1e-12

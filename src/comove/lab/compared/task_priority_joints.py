@@ -48,7 +48,7 @@ class JointController(Controller):
         carrier = search.kinematics
         if not isinstance(carrier, RobotCarrier):
             raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
-        self.carrier, self.arms = carrier, carrier.arms
+        self.carrier = carrier
         self.first = carrier.best_course(sampled_nodes(taught))[0]
         self.joints, self.path = self.first, [self.first]
         self.rates, self.turned = np.zeros_like(self.first), 0.0
@@ -68,7 +68,7 @@ class JointController(Controller):
     ) -> tuple[Array, float]:
         """Solve for joint rates, move the joints; return velocities and slack."""
         n_hands, n_joints = len(before), len(self.joints)
-        jacobians, hands = hand_jacobians(self.arms, self.joints)
+        jacobians, hands = hand_jacobians(self.carrier.arms, self.joints)
         moving = jacobians[:, :3].reshape(3 * n_hands, n_joints)
         relative, *others = [PriorityTask(task.matrix @ moving, task.target) for task in tasks]
         held = self._held(jacobians, hands, moving)
@@ -80,12 +80,12 @@ class JointController(Controller):
         x, slack = self._inside_balls(tasks, rows, low, before, moving)
         self.rates, self.joints = x, self.joints + self.period * x
         self.path.append(self.joints)
-        _, there = hand_jacobians(self.arms, self.joints)
+        _, there = hand_jacobians(self.carrier.arms, self.joints)
         return (there - hands) / self.period, slack
 
     def _held(self, jacobians: Array, hands: Array, moving: Array) -> PriorityTask:
         """Return the task of rotating with the payload. `moving`, shape (3 n_hands, n_joints), is J."""
-        chains, grasp = self.arms.chains, self.carrier.grasp
+        chains, grasp = self.carrier.arms.chains, self.carrier.grasp
         wanted, error = grasp.hand_rotations(hands), np.empty((len(hands), 6))
         for i in range(len(hands)):
             n = chains.first[i + 1] - chains.first[i]
@@ -101,7 +101,7 @@ class JointController(Controller):
 
     def _joint_limits(self) -> tuple[Array, Array]:
         """Return the inequalities of joint speeds, accelerations and braking."""
-        chains = self.arms.chains
+        chains = self.carrier.arms.chains
         inside = self.method.inside
         most = inside * chains.acceleration
         change = most * self.period
@@ -126,11 +126,11 @@ class JointController(Controller):
         for axis in range(3):  # w = r x (v_first - v_last) / |r|^2
             turn = np.cross(r, np.eye(3)[axis]) / (r @ r)
             basis[3:, axis], basis[3:, size - 3 + axis] = turn, -turn
-        work = empty_rows(self.arms, len(scene.obstacles), size)
+        work = empty_rows(self.carrier.arms, len(scene.obstacles), size)
         count = link_rows(
-            self.arms,
+            self.carrier.arms,
             self.joints,
-            (-self.arms.chains.velocity, self.arms.chains.velocity),
+            (-self.carrier.arms.chains.velocity, self.carrier.arms.chains.velocity),
             hands,
             (basis, center),
             Sighting.still(scene),

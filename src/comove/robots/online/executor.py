@@ -23,7 +23,7 @@ from comove.control.clouds import Clouds
 from comove.control.loop import ControlLoop, ExecutionLog, Setpoint
 from comove.control.observers import Functions, Observer
 from comove.control.safety.cbf_qp import FilterSettings, JointState, SafetyFilter
-from comove.control.safety.twists import advanced, nodes_of, poses_of
+from comove.control.safety.twists import nodes_of, poses_of
 from comove.dmp.arguments import require_positive
 from comove.errors import OptionError, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
@@ -33,22 +33,15 @@ from comove.model.scene import Scene
 from comove.planning.clock import Budget
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
-from comove.robots.motion import approach_shares
 from comove.robots.online.arm_rows import ArmRows, JointSettings
 from comove.robots.online.course_finder import CourseFinder
+from comove.robots.online.holding import HoldingArms
 from comove.robots.online.pilot import Pilot, PilotSettings, movers
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
 from comove.robots.online.reference import MotionReference
-from comove.robots.search.chains import Iteration
-from comove.robots.search.following import Arms
-from comove.robots.search.tracking import tracked
 from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.verification.record import Record
-
-SHARES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)  # of a twist, tried in turn
-HOLDING = Iteration(gain=0.0, keep=0.0, tolerance=1e-10, steady=np.inf, most=30)
-"""Iteration for the next command: redundant joints stay where the safety filter has taken them."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +113,7 @@ class JointExecutor(ControlLoop):
 
     Attributes
     ----------
-    position : array, shape (n_joints,), the joints commanded last, those of the robot that do not move included [rad]
+    held : the arms that hold the payload, with the joints commanded last
     poses : poses of the payload
     log : log of the run
     plan : the current transfer motion
@@ -155,24 +148,23 @@ class JointExecutor(ControlLoop):
         self.plan = self._first_plan(scene, robot, settings, seed)
         planned, scene = clock.perf_counter() - begun, scene.held_as_in(self.plan.scene)
         standing = scene.standing()
-        self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
-        self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
+        carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         observer = Functions.of_motions(scene) if observer is None else observer
-        super().__init__(scene, observer, settings.period, settings)
+        super().__init__(scene, observer, settings)
         self.log.note_plan(planned)
         self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
-        arms = self.carrier.arms
-        self.rows = ArmRows(scene, arms, self.carrier.grasp, settings.period, settings.joints)
-        self.filter = SafetyFilter(scene, settings.period, settings.filter, self.rows)
+        rows = ArmRows(scene, carrier.arms, carrier.grasp, settings.period, settings.joints)
+        self.filter = SafetyFilter(scene, settings.period, settings.filter, rows)
+        self.held = HoldingArms(carrier, rows, self.plan.joints.position[0])
         self._follow_plan()
         stands = ~scene.moving[scene.owners]
         finder = CourseFinder(
             standing,
-            arms,
+            rows.arms,
             self.plan.motion.motion.coordinates,
-            MotionReference.of_plan(self.plan, self.columns, settings.pilot.reference),
-            self.rows.needs._replace(obstacle=self.rows.needs.obstacle[stands]),
-            goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
+            MotionReference.of_plan(self.plan, self.held.columns, settings.pilot.reference),
+            rows.needs._replace(obstacle=rows.needs.obstacle[stands]),
+            goals=np.array([np.concatenate(q) for q in product(*carrier.goals)]),
             seed=seed,
             settings=settings.pilot.finder,
         )
@@ -191,31 +183,25 @@ class JointExecutor(ControlLoop):
 
     def _stand_at_start(self) -> None:
         """Rest at the beginning of the plan."""
-        self.position = self.plan.joints.position[0].copy()
-        self._hold_at(poses_of(self.scene, "start"), self.position[self.columns])
+        self._stop_at(poses_of(self.scene, "start"))
+        self.held.rest(self.plan.joints.position[0][self.held.columns])
         self.replanner.waited = self.replanner.clock = 0.0
         self._recovery: Recovery | None = None
-
-    def _hold_at(self, poses: HandPoses, joints: Array) -> None:
-        """Rest at some poses, held by some joints."""
-        self._stop_at(poses)
-        self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
-        self.position[self.columns] = joints
 
     @property
     def robot(self) -> Robot:
         """Return the robot."""
-        return self.carrier.robot
+        return self.held.carrier.robot
 
     @property
-    def arms(self) -> Arms:
-        """Return its arms, as kernels take them."""
-        return self.rows.arms
+    def position(self) -> Array:
+        """Return the joints commanded last, those that do not move included; array, shape (n_joints,) [rad]."""
+        return self.held.position
 
     @property
     def joints(self) -> Array:
-        """Return the commanded joints of the arms; array, shape (n_joints,) [rad]."""
-        return self.position[self.columns]
+        """Return the commanded joints of the arms; array, shape (n_arm_joints,) [rad]."""
+        return self.held.joints
 
     @property
     def driven_off(self) -> bool:
@@ -239,7 +225,7 @@ class JointExecutor(ControlLoop):
 
     def _recorded(self, record: Record, joints: list[Array]) -> JointRecord:
         position = np.tile(self.position, (len(joints), 1))
-        position[:, self.columns] = joints
+        position[:, self.held.columns] = joints
         return JointRecord(
             **{item.name: getattr(record, item.name) for item in fields(Record)},
             robot=self.robot,
@@ -260,7 +246,7 @@ class JointExecutor(ControlLoop):
             continue from there.
         """
         begun, recovery = clock.perf_counter(), self._recovery
-        measured, columns, lost = self._numbers(measured), self.columns, self.settings.lost
+        measured, columns, lost = self._numbers(measured), self.held.columns, self.settings.lost
         if recovery is None:
             raise RobotError(f"'{self.robot.name}' was not driven off", way_out="call 'step'")
         if self.time - recovery.began > recovery.settings.longest:
@@ -280,15 +266,18 @@ class JointExecutor(ControlLoop):
 
     def _way_back(self, measured: Array) -> Array:
         """Return one command a period back to a feasible pose; array, shape (n_steps, n_joints) [rad]."""
-        settings, joints = self.settings.recovery, self.position[self.columns]
-        held = np.array([self.robot.tool_pose(measured, arm) for arm in self.carrier.holders])
+        settings, arms = self.settings.recovery, self.held.rows.arms
+        held = self._tools(measured)
         for poses in (self._nearest(held), self.poses):  # or to where it was driven off from
             wanted, nodes = held.copy(), nodes_of(self.scene, poses)
-            wanted[:, :3, 3], wanted[:, :3, :3] = nodes[: len(held)], self.carrier.grasp.hand_rotations(nodes)
-            way = way_back(self.arms, measured[self.columns], held, wanted, settings)
+            wanted[:, :3, 3] = nodes[: len(held)]
+            wanted[:, :3, :3] = self.held.carrier.grasp.hand_rotations(nodes)
+            way = way_back(arms, measured[self.held.columns], held, wanted, settings)
             if way is not None:
-                way += np.linspace(1.0, 0.0, len(way))[:, None] * (joints - way[0])  # commands do not jump
-                return at_ease(self.arms, way, self.settings.period, settings)
+                way += np.linspace(1.0, 0.0, len(way))[:, None] * (
+                    self.joints - way[0]
+                )  # commands do not jump
+                return at_ease(arms, way, self.period, settings)
         raise self._cannot_go_on()
 
     def _cannot_go_on(self) -> RobotError:
@@ -299,24 +288,27 @@ class JointExecutor(ControlLoop):
 
     def _nearest(self, held: Array) -> HandPoses:
         """Return the payload's poses nearest to end effectors; `held` is (n_hands, 4, 4)."""
-        if not self.carrier.grasp.keypoints:
+        grasp = self.held.carrier.grasp
+        if not grasp.keypoints:
             return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
         (group,), nodes = self.scene.groups, self.scene.nodes_at("start")
-        rotation = self.carrier.grasp.payload_rotations(held[:, :3, :3], nodes, group.start.rotation)
+        rotation = grasp.payload_rotations(held[:, :3, :3], nodes, group.start.rotation)
         center = held[:, :3, 3].mean(axis=0) - rotation @ group.grasps.mean(axis=0)
         return HandPoses(center[None], quaternion_of_rotation(rotation)[None])
 
     def _go_on(self) -> None:
         """Start steps at the end of the recovery path."""
-        held = np.array([self.robot.tool_pose(self.position, arm) for arm in self.carrier.holders])
-        poses, joints = self._nearest(held), self.position[self.columns]
-        (solved,), missed = tracked(self.arms, nodes_of(self.scene, poses)[None], joints[None], HOLDING)
-        if missed.max() > HOLDING.tolerance:
+        poses = self._nearest(self._tools(self.position))
+        if not self.held.hold(poses):
             raise self._cannot_go_on()
-        self._hold_at(poses, solved)
+        self._stop_at(poses)
         self.replanner.stand(self.replanner.present(self))
         self._recovery = None
         self.tell("it goes on from where it stands")
+
+    def _tools(self, joints: Array) -> Array:
+        """Return the poses of the end effectors at all joints, (n_joints,); array, shape (n_hands, 4, 4)."""
+        return np.array([self.robot.tool_pose(joints, arm) for arm in self.held.carrier.holders])
 
     def _numbers(self, measured: Array) -> Array:
         measured = np.asarray(measured, dtype=float)
@@ -333,52 +325,27 @@ class JointExecutor(ControlLoop):
         apart = np.abs(measured - self.position)
         if apart.max() > self.settings.lost:
             name = self.robot.joint_names[int(apart.argmax())]
-            self._recovery = Recovery(self.time, measured[self.columns], self.settings.recovery)
+            self._recovery = Recovery(self.time, measured[self.held.columns], self.settings.recovery)
             off = f"{name} is {apart.max():.2g} rad from where it was commanded"
             self.tell(off)
             raise RobotError(f"{off} at {self.time:.2f} s", way_out="look what holds it, or command slower")
         return float(apart.max())
 
-    def _pace(self, reference: Setpoint, lag: float) -> float:
-        """Return the reference's time scaling: 1 where arms follow, 0 where it waits."""
-        how, self._behind = self.settings, self.distance_from(reference.here)
-        left = min(1.0 - self._behind / how.behind, 2.0 * (1.0 - lag / how.lag))
-        return min(max(left, 0.0), 1.0)
-
-    def _joint_state(self, reference: Setpoint, pace: float) -> JointState:
-        """Return the joints, and rates that lead them to the reference."""
-        how = self.settings
-        passes = self.replanner.is_clear and self._behind <= how.near_by
+    def _paced(self, reference: Setpoint, lag: float) -> tuple[float, JointState]:
+        """Return the time scaling, 0 where the reference waits, and rates that lead joints to it."""
+        how, behind = self.settings, self.distance_from(reference.here)
+        left = min(1.0 - behind / how.behind, 2.0 * (1.0 - lag / how.lag))
+        pace = min(max(left, 0.0), 1.0)
+        passes = self.replanner.is_clear and behind <= how.near_by
         self.filter.passing(how.joints.passing if passes else 1.0)
         drawn = pace * reference.rates + (reference.joints - self.joints) / how.catch_up
-        return JointState(self.joints, self.rates, drawn, self._bend)
+        return pace, self.held.state(drawn)
 
     def _move(self, rates: Array) -> None:
         """Move payload and joints by the largest feasible share of a twist."""
-        scene, period, joints, chains = self.scene, self.period, self.joints, self.arms.chains
-        soft = chains.approach, chains.lower, chains.upper
-        poses, following, roughest = self.poses, joints, np.inf
-        for share in SHARES:
-            there = advanced(self.poses, share * self.twists, period)
-            guess = joints + share * period * rates
-            (solved,), missed = tracked(self.arms, nodes_of(scene, there)[None], guess[None], HOLDING)
-            moved = (solved - joints) / period
-            rough = float((np.abs(moved - self.rates) / (chains.acceleration * period)).max())
-            if (
-                missed.max() <= HOLDING.tolerance
-                and (np.abs(moved) <= chains.velocity).all()
-                and (approach_shares(solved, moved, *soft) <= 1.0).all()
-                and rough < roughest
-            ):
-                poses, following, roughest = there, solved, rough
-                if share == 1.0:
-                    self._bend = moved - rates  # of the way that joints go in a step
-            if roughest <= 1.0:
-                break
-        self.log.stopped += roughest == np.inf  # it cannot hold on: it stands
-        self._placed(poses)
-        self.rates = (following - joints) / period
-        self.position[self.columns] = following
+        poses = self.held.advance(self.poses, self.twists, rates)
+        self.log.stopped += poses is None  # it cannot hold on: it stands
+        self._placed(self.poses if poses is None else poses)
 
     @staticmethod
     def _first_plan(scene: Scene, robot: Robot, settings: OnlineSettings, seed: int) -> VerifiedJointMotion:
@@ -397,6 +364,6 @@ class JointExecutor(ControlLoop):
         """Require no more clearance of links than the plan has."""
         motion, joints = self.plan.motion.motion, self.plan.joints
         s = np.linspace(0.0, 1.0, n_steps)
-        along = np.ascontiguousarray(joints.at(s * joints.duration)[0][:, self.columns])
+        along = np.ascontiguousarray(joints.at(s * joints.duration)[0][:, self.held.columns])
         nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
-        self.rows.follow(along, nodes)
+        self.held.rows.follow(along, nodes)
