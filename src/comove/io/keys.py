@@ -364,19 +364,33 @@ def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
     return distinct(names)
 
 
+class Entries(NamedTuple):
+    """The numbers of entries that the JSON schema of a list tells editors."""
+
+    least: int
+    most: int
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        return {**handler(core), "minItems": self.least, "maxItems": self.most}
+
+
 Number = Annotated[float, AfterValidator(not_huge)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(measurable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(not_huge)]
 PositiveLength = Annotated[Positive, SCALES]
 Length = Annotated[NotNegative, SCALES]
-Vector = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), SCALES, VECTOR]
-Sizes = Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), SCALES, VECTOR]
-Quaternion = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_unit_quaternion)]
-Direction = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_direction)]
+Vector = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), SCALES, VECTOR, Entries(2, 3)]
+Sizes = Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), SCALES, VECTOR, Entries(2, 3)]
+Quaternion = Annotated[
+    tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_unit_quaternion), Entries(4, 4)
+]
+Direction = Annotated[
+    tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_direction), Entries(3, 3)
+]
 Name = Annotated[str, AfterValidator(_manipulator_name)]
 Hand = Annotated[str, HAND]
 Hands = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(distinct)]
-Pair = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(_pair)]
+Pair = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(_pair), Entries(2, 2)]
 
 
 class Part(BaseModel):

@@ -188,7 +188,7 @@ class ArmDescription(Sparse):
 
     tip: str
     tool: Placement = Placement()
-    home: Vector | None = None
+    home: Annotated[tuple[Number, ...], BeforeValidator(as_tuple)] | None = None
     home_state: str | None = None
     """Group state of the SRDF that has the values of the joints at home, unless `home` is given."""
     fingers: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()

@@ -778,6 +778,13 @@ def test_the_schema_knows_all_keys_of_a_file(tmp_path):
         {"obstacles": [{"shape": "sphere", "center": [0, 0, 0], "radius": 0.0}]},
         {"limits": {"speed": "fast"}},
         {"grasps": {"left": 3}},
+        {"workspace": {"lower": [0, 0, 0, 0], "upper": [1, 1, 1, 1]}},
+        {"obstacles": [{"shape": "sphere", "center": [0.5], "radius": 0.1}]},
+        {
+            "obstacles": [
+                {"shape": "box", "center": [0, 0, 0], "size": [1, 1, 1], "quaternion_wxyz": [1, 0, 0]}
+            ]
+        },
     ],
     ids=str,
 )

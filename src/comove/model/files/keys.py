@@ -33,6 +33,7 @@ from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.io.keys import (
     UNTURNED,
     Contract,
+    Entries,
     Family,
     Hands,
     Length,
@@ -208,7 +209,7 @@ def _three_angles(angles: tuple[float, ...]) -> tuple[float, ...]:
     return angles
 
 
-Triple = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_three)]
+Triple = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_three), Entries(3, 3)]
 Angles = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_three_angles)]
 
 
