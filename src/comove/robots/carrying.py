@@ -18,7 +18,7 @@ from comove.model.coordinates import load_coordinates
 from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.grasp import Grasp
 from comove.model.motion import CoordinatedMotion
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.seeds import targets_along
@@ -52,7 +52,7 @@ from comove.robots.search.links import (
 )
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
-from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
+from comove.robots.search.tracking import N_COARSE, Miss, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
@@ -85,6 +85,27 @@ class CarrierSettings:
     ends: EndSettings = field(default_factory=EndSettings)
     plans: ArmPlanSettings = field(default_factory=ArmPlanSettings)
     follower: FollowerSettings = field(default_factory=FollowerSettings)
+
+
+@of_geometry
+def _unfit_grasps(
+    scene: Scene, robot: Robot, holders: tuple[Arm, ...], required: float
+) -> tuple[str, str, str] | None:
+    """Return the key of unfit grasps, a message, and a hint; None if they fit.
+
+    Parameters
+    ----------
+    required : distance that links keep from each other [m]
+    """
+    assert scene.grasp is not None, "scenes without a grasp are refused"
+    nodes = scene.nodes_at("start")
+    rotations, points = scene.grasp.hand_rotations(nodes), nodes[: len(holders)]
+    if met := collision_of_hands(robot, holders, rotations, points, required):
+        return "load.grasps", *met
+    for reason in overburdened(scene, holders):
+        message, hint = reason.rsplit("; ", 1)
+        return "load.mass", message, hint
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +158,8 @@ class RobotCarrier(LimitedKinematics):
             way_out = "add approach and closing to every grasp, such as [0, 0, -1] and [0, 1, 0]"
             told = "say it: grasp: {orientation: down, yaw: load}" if old else way_out
             raise unfit(scene, "grasp", f"a robot cannot know how to hold the {scene.words.load}", told)
-        nodes, required = scene.nodes_at("start"), min(scene.clearance, ROBOT_CLEARANCE)
-        rotations, points = scene.grasp.hand_rotations(nodes), nodes[: len(self.holders)]
-        if met := collision_of_hands(self.robot, self.holders, rotations, points, required):
-            raise unfit(scene, "load.grasps", *met)
-        for reason in overburdened(scene, self.holders):
-            raise unfit(scene, "load.mass", *reason.rsplit("; ", 1))
+        if reason := _unfit_grasps(scene, self.robot, self.holders, min(scene.clearance, ROBOT_CLEARANCE)):
+            raise unfit(scene, *reason)
 
     @property
     def grasp(self) -> Grasp:
@@ -452,7 +469,7 @@ class RobotCarrier(LimitedKinematics):
 
     def track(self, motion: CoordinatedMotion, *, haste: int = 1) -> tuple[JointMotion, Miss | None]:
         """Compute the joints along a motion, and their largest miss; `haste` as in `search.tracking.track`."""
-        course = self.best_course(sampled_nodes(motion))
+        course = self.best_course(motion.nodes(N_COARSE))
         return track(self.robot, self.holders, self.arms, motion, course, haste=haste)
 
     def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:

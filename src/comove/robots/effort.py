@@ -25,7 +25,7 @@ import pinocchio as pin
 
 from comove.arrays import ROUNDING, Array
 from comove.model.files.keys import DEFAULT_MASS
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
@@ -58,7 +58,7 @@ def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
     return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
 
 
-@lru_cache(maxsize=8)
+@of_geometry
 def _counted_masses(scene: Scene) -> Array:
     """Return the mass that counts as every hand's share; array, shape (n_hands,), not to be changed [kg].
 
@@ -94,7 +94,7 @@ def _rounded_down(value: float, digits: int = 3) -> str:
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
-@lru_cache(maxsize=8)
+@of_geometry
 def _shares(scene: Scene) -> Array:
     """Return every end effector's share of the payload's mass; read-only array, shape (n_hands,)."""
     shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)

@@ -18,7 +18,7 @@ from comove.contacts.query import ball_about
 from comove.contacts.rods import nearest_shares, rod_distance, rods_distance
 from comove.geometry.solids import N_CORNERS
 from comove.model.moving import Displacements
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.planning.timing import fastest_point
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
@@ -139,6 +139,7 @@ class Links(NamedTuple):
         return own._replace(moving=self.moving[self.arm[self.moving] == arm])
 
 
+@of_geometry
 def load_lines(scene: Scene) -> tuple[Integers, Array]:
     """Return lines that represent a payload, and their radii.
 

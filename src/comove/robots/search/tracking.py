@@ -15,6 +15,7 @@ from comove.robots.motion import JointMotion
 from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, follow_one, hand_rotation
 
+N_COARSE = 201  # even samples of a motion that arms follow first
 EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-5, most=60)
 """Iteration for samples that begin near to their joints: after a last step of 1e-5 rad these are off by 1e-8 rad."""
 
@@ -54,7 +55,7 @@ def track(
     haste : stride of samples that are solved first; if one of those is missed, the others are not solved
     """
     duration, n_joints = motion.scene.duration, course.shape[1]
-    coarse = sampled_nodes(motion)
+    coarse = motion.nodes(N_COARSE)
     led, missing = np.empty((len(coarse), n_joints)), np.empty((len(coarse), len(holders)))
     follow_one(arms, coarse, course, led, missing)
     time = _sample_times(duration)
@@ -91,7 +92,7 @@ def _solved(
 ) -> tuple[JointMotion, Miss | None]:
     """Solve every sample, redundant joints near a posture; array, shape (n_steps, n_joints) [rad]."""
     n_steps, columns = len(time), np.concatenate([arm.columns for arm in holders])
-    nodes = sampled_nodes(motion, n_steps)
+    nodes = motion.nodes(n_steps)
     when, joints, residual = time, posture, np.zeros((0, len(holders)))
     if haste > 1:
         few = np.append(np.arange(0, n_steps - 1, haste), n_steps - 1)
@@ -105,12 +106,6 @@ def _solved(
     if residual.max() > EXACT.tolerance:
         miss = Miss(holders[arm].name, float(when[worst]), float(residual[worst, arm]))
     return JointMotion(time, robot.joint_names, position), miss
-
-
-def sampled_nodes(motion: CoordinatedMotion, n_steps: int = 201) -> Array:
-    """Compute keypoints at even times; array, shape (n_steps, n_nodes, 3) [m]."""
-    q = motion.at(np.linspace(0.0, 1.0, n_steps))[0]
-    return np.ascontiguousarray(motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
 
 
 def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:

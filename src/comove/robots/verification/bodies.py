@@ -36,7 +36,7 @@ from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.moving import rotations
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
@@ -124,7 +124,7 @@ def links_of(robot: Robot) -> LinkBodies:
     )
 
 
-@lru_cache(maxsize=4)
+@of_geometry
 def _obstacles(scene: Scene) -> tuple[CollisionBody, ...]:
     """Return the obstacles of a scene, as they are in its file."""
     names = [scene.name_of(i) for i in range(len(scene.file.obstacles))]

@@ -159,7 +159,7 @@ class Carried:
         """Return the nodes at the knots and their derivatives in unit duration; array, shape (3, n_knots, n_nodes,
         3) [m].
         """
-        return self.motion.coordinates.motion(self.motion.knots)
+        return self.motion.nodes_at_knots
 
     @cached_property
     def _bounds(self) -> NodeBounds:
