@@ -31,10 +31,11 @@ from comove.robots.search.ranges import WristRanges
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=0.02, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
-SETTLING = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30)
+SETTLING = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30, stalled=0.85)
 """Iteration from random joints; what has not come to rest by then hardly ever does."""
-PATIENT = SETTLING._replace(gain=0.2, most=70)
+PATIENT = SETTLING._replace(gain=0.2, most=70, stalled=np.inf)
 """Iteration that goes on where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
+N_PATIENT = 8  # nearest joints from which it goes on
 
 
 class Arms(NamedTuple):
@@ -75,13 +76,13 @@ class Strain(NamedTuple):
 def solutions(
     chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
 ) -> tuple[Array, Array]:
-    """Solve an arm's joints for a pose from seeds; return joints and residuals."""
+    """Solve an arm's joints for a pose from seeds; return joints and residuals. `seeds` are overwritten."""
     missing, least = np.empty(seeds.shape[0]), np.inf
     for k in range(seeds.shape[0]):
         missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
         least = min(least, missing[k])
     if least > SETTLING.tolerance:
-        for k in range(seeds.shape[0]):
+        for k in np.argsort(missing)[:N_PATIENT]:
             missing[k] = reach_pose(chains, arm, rotation, point, posture, PATIENT, seeds[k])
     return seeds, missing
 
