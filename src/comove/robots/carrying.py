@@ -243,7 +243,7 @@ class RobotCarrier(LimitedKinematics):
     def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
         """Return a changed copy that keeps valid cached values. These depend on neither caution nor duration."""
         other = replace(self, **changes)
-        for name in ("starts", "goals", "_retreats", "_refused", "_pairs", "_led", *kept):
+        for name in ("starts", "goals", "_solved", "_retreats", "_refused", "_pairs", "_led", *kept):
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -259,12 +259,17 @@ class RobotCarrier(LimitedKinematics):
         """
         if self.begin is not None:
             return tuple(self.begin[arm.columns][None] for arm in self.holders)
-        return self.ends.branches("start")
+        return self.ends.branches("start", self._solved["start"])
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
         """Return each arm's joints at the goal, as `starts`."""
-        return self.ends.branches("goal")
+        return self.ends.branches("goal", self._solved["goal"])
+
+    @cached_property
+    def _solved(self) -> dict[str, tuple[Array, ...]]:
+        """Return the arms' joints at the ends by their poses alone. Both are reached before clearances matter."""
+        return {end: self.ends.solved(end) for end in ("start", "goal") if end == "goal" or self.begin is None}
 
     def plan(
         self,
