@@ -24,6 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 from comove.arrays import ROUNDING, Array
+from comove.compiled import kernel
 from comove.model.files.keys import DEFAULT_MASS
 from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
@@ -231,8 +232,21 @@ def _sampling(samples: Array, step: float = 0.01) -> Array:
 
 def _largest_share(robot: Robot, time: Array, torque: Array) -> Extreme:
     """Find the largest share of effort limits, with a margin between samples. Torques are those at `_sampling`."""
-    bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
-    return Extreme.largest((np.abs(torque) + bulge) / robot.effort, time)
+    return Extreme.largest(_shares_of_effort(torque, robot.effort), time)
+
+
+@kernel
+def _shares_of_effort(torque: Array, effort: Array) -> Array:
+    """Return the shares for `_largest_share`; array, shape (n_steps, n_joints)."""
+    share = np.empty(torque.shape)
+    for j in range(torque.shape[1]):
+        bulge = 0.0
+        for t in range(1, torque.shape[0] - 1, 2):
+            off = abs(torque[t, j] - 0.5 * (torque[t - 1, j] + torque[t + 1, j]))
+            bulge = off if np.isnan(off) or np.isnan(bulge) else max(bulge, off)
+        for t in range(torque.shape[0]):
+            share[t, j] = (abs(torque[t, j]) + bulge) / effort[j]
+    return share
 
 
 def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceleration: Array) -> Array:
@@ -253,6 +267,6 @@ def _loaded(robot: Robot, arms: tuple[Arm, ...], masses: tuple[float, ...]) -> I
 def _torques(robot: Robot, loaded: Inertias, position: Array, velocity: Array, acceleration: Array) -> Array:
     torque = inverse_dynamics(robot, loaded, position, velocity, acceleration)
     if robot.relief.any():
-        still = np.zeros_like(position)
-        torque -= robot.relief * inverse_dynamics(robot, Inertias.of(robot.model), position, still, still)
+        still = position[:0]
+        torque -= robot.relief * inverse_dynamics(robot, _loaded(robot, (), ()), position, still, still)
     return torque
