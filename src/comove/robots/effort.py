@@ -243,7 +243,8 @@ def _shares_of_effort(torque: Array, effort: Array) -> Array:
         bulge = 0.0
         for t in range(1, torque.shape[0] - 1, 2):
             off = abs(torque[t, j] - 0.5 * (torque[t - 1, j] + torque[t + 1, j]))
-            bulge = off if np.isnan(off) or np.isnan(bulge) else max(bulge, off)
+            if bulge < off or np.isnan(off):
+                bulge = off
         for t in range(torque.shape[0]):
             share[t, j] = (abs(torque[t, j]) + bulge) / effort[j]
     return share
