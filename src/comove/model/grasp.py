@@ -162,9 +162,13 @@ def _angular_velocity(points: Array, velocities: Array) -> Array:
     first, second = points[..., 1, :] - points[..., 0, :], points[..., 2, :] - points[..., 0, :]
     rates = (velocities[..., 1:, :, :] - velocities[..., :1, :, :]).swapaxes(-1, -2)
     normal = cross(first, second)
-    turned = cross(rates[..., 0, :, :], second[..., None, :]) + cross(first[..., None, :], rates[..., 1, :, :])
+    turned = cross(rates[..., 0, :, :], second[..., None, :]) + cross(
+        first[..., None, :], rates[..., 1, :, :]
+    )
     square = (normal * normal).sum(axis=-1, keepdims=True)
-    dual = (one[..., None, :] / square[..., None] for one in (cross(second, normal), cross(normal, first), normal))
+    dual = (
+        one[..., None, :] / square[..., None] for one in (cross(second, normal), cross(normal, first), normal)
+    )
     changes = rates[..., 0, :, :], rates[..., 1, :, :], turned
     spins = sum(cross(one, change) for one, change in zip(dual, changes, strict=True))
     return 0.5 * np.asarray(spins).swapaxes(-1, -2)

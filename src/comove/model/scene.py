@@ -621,9 +621,11 @@ class Scene:
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
 
     def _of_motions(self, of: Callable[[ObstacleMotion], Array], shape: tuple[int, ...]) -> Array:
-        still = np.zeros(shape)
-        of_each = [still if motion is None else of(motion) for motion in self.motions]
-        return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
+        found = np.zeros((shape[0], len(self.motions), *shape[1:]))
+        for i, motion in enumerate(self.motions):
+            if motion is not None:
+                found[:, i] = of(motion)
+        return found
 
     def obstacles_at(self, time: float, centers: Array | None = None) -> Array:
         """Return the table of obstacles at an instant [s].

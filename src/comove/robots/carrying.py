@@ -269,7 +269,9 @@ class RobotCarrier(LimitedKinematics):
     @cached_property
     def _solved(self) -> dict[str, tuple[Array, ...]]:
         """Return the arms' joints at the ends by their poses alone. Both are reached before clearances matter."""
-        return {end: self.ends.solved(end) for end in ("start", "goal") if end == "goal" or self.begin is None}
+        return {
+            end: self.ends.solved(end) for end in ("start", "goal") if end == "goal" or self.begin is None
+        }
 
     def plan(
         self,
@@ -337,11 +339,15 @@ class RobotCarrier(LimitedKinematics):
     @property
     def ends(self) -> EndJoints:
         """Return the arms' joints at both ends."""
-        columns = np.concatenate([arm.columns for arm in self.holders])
-        present = (self.robot.home if self.present is None else self.present)[columns]
         return EndJoints(
-            self.robot, self.scene, self.grasp, self.holders, self.arms, present, self.settings.ends
+            self.robot, self.scene, self.grasp, self.holders, self.arms, self._begun, self.settings.ends
         )
+
+    @cached_property
+    def _begun(self) -> Array:
+        """Return the arms' joints before they approach the start; array, shape (n_joints of the arms,)."""
+        columns = np.concatenate([arm.columns for arm in self.holders])
+        return np.array((self.robot.home if self.present is None else self.present)[columns])
 
     @cached_property
     def _pairs(self) -> Array:

@@ -229,21 +229,20 @@ class EndJoints:
             clearance <= self.scene.clearance, clearance <= self.scene.clearance - FAT, dtype=np.int64
         )
 
-    def clearances(self, q: Array, nodes: Array, some: Links | None = None) -> Array:
+    def clearances(self, q: Array, nodes: Array) -> Array:
         """Compute the links' least distances from obstacles, payload and each other [m]. They are at most 5 cm.
 
         Parameters
         ----------
         q : array, shape (n, n_joints), joint positions of the chains
         nodes : array, shape (n_nodes, 3), positions of the keypoints [m]
-        some : the links to check; None for all
 
         Returns
         -------
         array, shape (n,)
         """
         arms = self.arms
-        return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
+        return clearances_at(arms.chains, arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
     def solved(self, end: str) -> tuple[Array, ...]:
         """Compute joint positions at an end by the arm's pose alone, nearest first.
@@ -336,7 +335,9 @@ class EndJoints:
         """Return arm i's clearance in some joints, without other arms; array, shape (n,) [m]."""
         moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
         moved[:, self.part(i)] = branches
-        return self.clearances(moved, nodes, self.arms.links.of(i))
+        chains, links, known = self.arms.chains, self.arms.links, of_robot(self.robot, self.holders)[1]
+        own = _links_of_each(self.robot, self.holders)[i] if links is known else links.of(i)
+        return clearances_at(chains, own, self.arms.around, RESTING, moved, nodes, ENOUGH)
 
     def reaches(self, i: int, nodes: Array, n_seeds: int) -> bool:
         """Return whether arm i can hold the payload and may be clear. Capsules decide, without the other arms.
@@ -475,6 +476,12 @@ def of_robot(
     chains = chains_of(robot, holders)
     forms = tuple(closed_form(chains, i) for i in range(len(holders)))
     return chains, links_of(robot, holders), ranges_of(chains), forms
+
+
+@lru_cache(maxsize=32)
+def _links_of_each(robot: Robot, holders: tuple[Arm, ...]) -> tuple[Links, ...]:
+    """Return the links of each arm by itself."""
+    return tuple(of_robot(robot, holders)[1].of(i) for i in range(len(holders)))
 
 
 def solved_for(

@@ -431,7 +431,7 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
         Names the pairs, how deep they are, and what to change.
     """
     told, obstacles = list[str](), _obstacles(scene)
-    links = [body for body in links_of(robot).bodies[: robot.collision.ngeoms] if body.item.parentJoint == 0]
+    links = _links_at_rest(robot)
     still = [obstacles[i] for i in np.flatnonzero(~scene.moving).tolist()]
     for link, obstacle in _with_balls_that_meet(links, still):
         pair = [link.item.geometry, obstacle.item.geometry], [link.item.placement, obstacle.item.placement]
@@ -444,6 +444,13 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
             ComoveWarning,
             stacklevel=3,
         )
+
+
+@lru_cache(maxsize=8)
+def _links_at_rest(robot: Robot) -> list[CollisionBody]:
+    """Return the links that no joint moves, not to be changed."""
+    links = links_of(robot).bodies[: robot.collision.ngeoms]
+    return [body for body in links if body.item.parentJoint == 0]
 
 
 def _with_balls_that_meet(
