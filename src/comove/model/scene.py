@@ -83,7 +83,7 @@ TURNS = tuple(
 """Turns of a free goal among which one has to be clear, the smallest first [rad]."""
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 GEOMETRY = (
-    *("derived", "_nodes", "nodes_of_groups", "start", "goal", "manipulators", "lower", "upper", "workspace"),
+    *("_nodes", "nodes_of_groups", "start", "goal", "manipulators", "lower", "upper", "workspace"),
     *("moving", "turning", "spins", "centers", "first_rows", "convex_rows", "reaches", "obstacle_speeds"),
 )
 """Cached values of a scene that depend on neither its duration nor its limits."""
@@ -410,7 +410,8 @@ class Scene:
     def _changed(self, **keys: Any) -> Scene:
         other = replace(self, file=self.file.model_copy(update=keys))
         if keys.keys() <= {"duration", "limits"}:  # of which these values do not depend
-            vars(other).update({name: vars(self)[name] for name in GEOMETRY if name in vars(self)})
+            known = vars(self)
+            vars(other).update({name: known[name] for name in GEOMETRY if name in known}, derived=self.derived)
         return other
 
     @cached_property

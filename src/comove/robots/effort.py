@@ -25,6 +25,7 @@ import pinocchio as pin
 
 from comove.arrays import ROUNDING, Array
 from comove.compiled import kernel
+from comove.geometry.solids import N_CORNERS
 from comove.model.files.keys import DEFAULT_MASS
 from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
@@ -119,6 +120,10 @@ def _center_of_mass(scene: Scene) -> Array:
     A mesh has that of its polytopes, whose overlaps count as often as in simulations; sheets have a thickness there.
     """
     nodes, body = scene.nodes_at("start"), scene.body
+    if len(body.solids) and body.solids.shape[1] == N_CORNERS:
+        corners = nodes[body.solids]
+        volumes = np.abs(np.linalg.det(corners[:, [1, 2, 4]] - corners[:, :1]))
+        return np.asarray(np.average(corners.mean(axis=1), axis=0, weights=volumes))
     if len(body.solids):
         volumes, centers = zip(*(_volume(nodes[np.unique(solid)]) for solid in body.solids), strict=True)
         return np.asarray(np.average(centers, axis=0, weights=volumes))

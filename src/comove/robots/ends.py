@@ -190,8 +190,7 @@ class EndJoints:
         Arrays, shape (n_branches, n_joints of the arm), as `starts`; NaN where an arm cannot follow it.
         """
         motion, led = _straight(self.scene).motion, [np.full_like(joints, np.nan) for joints in starts]
-        nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, n_steps)))[0]
-        nodes, left = np.ascontiguousarray(nodes), np.empty((n_steps, len(starts)))
+        nodes, left = motion.nodes(n_steps), np.empty((n_steps, len(starts)))
         q = np.empty((n_steps, len(self.present)))
         for k in range(max(map(len, starts))):
             first = np.concatenate([joints[min(k, len(joints) - 1)] for joints in starts])
@@ -564,7 +563,7 @@ def joined(
     -------
     row, column : arrays, shape (n,), numbers of start and goal
     joints : array, shape (n, n_joints), joints at the goal
-    differ : array, shape (n,), largest rotation to the start and largest from there, added, last joints weighted [rad]
+    differ : array, shape (n,), largest rotations to start and goal, added, those of last joints weighted [rad]
     """
     n_starts, n_goals, n_joints = starts.shape[0], goals.shape[0], starts.shape[1]
     row = np.empty(2 * n_starts * n_goals, dtype=np.int64)
