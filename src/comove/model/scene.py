@@ -411,7 +411,9 @@ class Scene:
         other = replace(self, file=self.file.model_copy(update=keys))
         if keys.keys() <= {"duration", "limits"}:  # of which these values do not depend
             known = vars(self)
-            vars(other).update({name: known[name] for name in GEOMETRY if name in known}, derived=self.derived)
+            vars(other).update(
+                {name: known[name] for name in GEOMETRY if name in known}, derived=self.derived
+            )
         return other
 
     @cached_property

@@ -259,19 +259,22 @@ class RobotCarrier(LimitedKinematics):
         """
         if self.begin is not None:
             return tuple(self.begin[arm.columns][None] for arm in self.holders)
-        return self.ends.branches("start", self._solved["start"])
+        return self.ends.branches("start", self._solved_at("start"))
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
         """Return each arm's joints at the goal, as `starts`."""
-        return self.ends.branches("goal", self._solved["goal"])
+        return self.ends.branches("goal", self._solved_at("goal"))
+
+    def _solved_at(self, end: str) -> tuple[Array, ...]:
+        """Return the arms' joints at an end by their poses alone."""
+        if end not in self._solved:
+            self._solved[end] = self.ends.solved(end)
+        return self._solved[end]
 
     @cached_property
     def _solved(self) -> dict[str, tuple[Array, ...]]:
-        """Return the arms' joints at the ends by their poses alone. Both are reached before clearances matter."""
-        return {
-            end: self.ends.solved(end) for end in ("start", "goal") if end == "goal" or self.begin is None
-        }
+        return {}
 
     def plan(
         self,
@@ -555,6 +558,8 @@ class RobotCarrier(LimitedKinematics):
         """
         for retreat in self._retreats.values():
             retreat.require_free_rest()
+        for end in ("start", "goal") if self.begin is None else ("goal",):
+            self._solved_at(end)  # before clearances matter
         _ = self.starts, self.goals
         if self._retreats:
             _ = self._pairs
