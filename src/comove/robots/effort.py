@@ -109,7 +109,11 @@ def _shares(scene: Scene) -> Array:
     hands = scene.nodes_at("start")[holders, seen]
     middle = hands.mean(axis=0)
     # the smallest change of equal shares that moves their mean place there; symmetric loads get equal ones exactly
-    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (_center_of_mass(scene)[seen] - middle)
+    away, arms = _center_of_mass(scene)[seen] - middle, hands - middle
+    if len(arms) == 2:  # of rank 1
+        change = arms @ away / max(float((arms * arms).sum()), 1e-300)
+    else:
+        change = np.linalg.pinv(arms.T, rcond=1e-6) @ away
     shares[holders] += change.round(12)
     return shares
 
