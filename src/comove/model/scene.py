@@ -416,6 +416,10 @@ class Scene:
             )
         return other
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: all but `derived`, which other processes derive themselves."""
+        return {name: value for name, value in vars(self).items() if name != "derived"}
+
     @cached_property
     def derived(self) -> dict[tuple[Any, ...], Any]:
         """Return the results of functions `of_geometry` by function and arguments."""
