@@ -76,7 +76,8 @@ if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
 
 
-_P, _T = ParamSpec("_P"), TypeVar("_T")
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 TURNS = tuple(
     np.deg2rad([0.0, *(sign * angle for angle in range(5, 180, 5) for sign in (1, -1)), 180.0]).tolist()
 )
