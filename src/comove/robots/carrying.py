@@ -40,7 +40,7 @@ from comove.robots.hands import collision_of_hands
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
-from comove.robots.search.following import MET, Arms, Strain, course_penalties, follow
+from comove.robots.search.following import MET, Arms, Strain, contact_along, course_penalties, demands, follow
 from comove.robots.search.links import (
     FAT,
     FATTEST,
@@ -442,15 +442,19 @@ class RobotCarrier(LimitedKinematics):
         nodes = self._sampled(nodes)
         return self._asked(nodes, self.best_course(nodes[0]), self.arms)
 
-    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function that computes `ask` of a numbered motion. It uses the present links."""
+    def asking(self, nodes: Array) -> Callable[[int], Iterator[tuple[float, bool, bool]]]:
+        """Return a function that computes `ask` of a numbered motion, links last. It uses the present links."""
         nodes, courses, arms = self._sampled(nodes), list[Array](), self.arms
 
-        def ask(k: int) -> tuple[float, bool]:
+        def ask(k: int) -> Iterator[tuple[float, bool, bool]]:
             if not courses:
                 courses.append(self.best_course(nodes[0]))
-            (penalty,), (possible,) = self._asked(nodes[k : k + 1], courses[0], arms)
-            return float(penalty), bool(possible)
+            missing, rates, jolt, penalty, q = demands(arms, nodes[k], courses[0], self.scene.duration)
+            possible = bool((missing <= MET).all() and (rates <= 1.0).all())
+            least = (penalty + self.settings.ease * jolt).sum()
+            yield float(least), possible, False
+            clearance, contact = contact_along(arms, q, nodes[k])
+            yield float(least + contact), possible and clearance > arms.around.clearance, True
 
         return ask
 
@@ -650,6 +654,7 @@ class RobotCarrier(LimitedKinematics):
         straight = CoordinatedMotion.straight(self.scene, coordinates)
         nodes = coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None]))
         self.ask(nodes)
+        _ = [*self.asking(nodes)(0)]
         joints, _ = self.track(straight)
         verify_joints(self.robot, straight, joints)
         follower = self.along(nodes[0])

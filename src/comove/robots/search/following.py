@@ -168,9 +168,28 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
         for i in range(n_arms):
             for t in range(n_steps):
                 missing[k, i] = max(missing[k, i], left[t, i])
-        clearance[k], contact[k] = _contact(arms, q, nodes[k])
+        clearance[k], contact[k] = contact_along(arms, q, nodes[k])
         _demand(arms, nodes[k], q, left, duration, rates[k], jolt[k], penalty[k])
     return missing, rates, jolt, penalty, clearance, contact
+
+
+@kernel
+def demands(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
+    """Follow one motion; return the fields of `Strain` that need no links, without the last two, and the joints.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_steps, n_nodes, 3), as in `follow`
+    """
+    n_steps, n_arms = nodes.shape[0], arms.chains.first.shape[0] - 1
+    q, left, missing = np.empty((n_steps, course.shape[1])), np.empty((n_steps, n_arms)), np.zeros(n_arms)
+    rates, jolt, penalty = np.zeros((n_arms, 3)), np.zeros(n_arms), np.zeros(n_arms)
+    follow_one(arms, nodes, course, q, left)
+    for i in range(n_arms):
+        for t in range(n_steps):
+            missing[i] = max(missing[i], left[t, i])
+    _demand(arms, nodes, q, left, duration, rates, jolt, penalty)
+    return missing, rates, jolt, penalty, q
 
 
 @kernel(nogil=True)
@@ -249,7 +268,7 @@ def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array
 
 
 @kernel
-def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
+def contact_along(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     """Compute the links' least clearance [m], and the penalty of missing clearance. It is capped at the desired one.
 
     Links are placed at every second sample. In between the ends of their axes are assumed to move on straight lines;
