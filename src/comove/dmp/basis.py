@@ -290,7 +290,7 @@ def _sampled(basis: MotionBasis, n_steps: int) -> Array:
 
 @lru_cache(maxsize=32)
 def positions_at_even_times(basis: MotionBasis, n_steps: int) -> tuple[Array, Array]:
-    """Return the positions' part of `MotionBasis.at` at even times, not to be changed.
+    """Return `MotionBasis.at` of positions at even times, not to be changed.
 
     Returns
     -------

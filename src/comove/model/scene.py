@@ -860,7 +860,7 @@ class Scene:
 
 
 def of_geometry(function: Callable[Concatenate[Scene, _P], _T]) -> Callable[Concatenate[Scene, _P], _T]:
-    """Decorate a function of a scene that depends on neither duration nor limits.
+    """Decorate a function of a scene without its duration and limits.
 
     Its results are kept for such copies of the scene, and not to be changed. Further arguments are hashable.
     """

@@ -244,7 +244,7 @@ class EndJoints:
         return clearances_at(arms.chains, arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
     def solved(self, end: str) -> tuple[Array, ...]:
-        """Compute joint positions at an end by the arm's pose alone, nearest first.
+        """Compute joint positions at an end by poses alone, nearest first.
 
         Returns
         -------
@@ -532,7 +532,7 @@ def _differ(joints: Array, apart: float) -> NDArray[np.bool_]:
 
 @kernel
 def _nearest_first(joints: Array, posture: Array, apart: float) -> Array:
-    """Return joints, shape (n, n_joints), that differ from all kept before, nearest to a posture first."""
+    """Return distinct joints, nearest to a posture first; arrays, shape (n, n_joints)."""
     n, away, order = joints.shape[0], np.zeros(joints.shape[0]), np.arange(joints.shape[0])
     for k in range(n):
         for j in range(joints.shape[1]):
@@ -551,7 +551,7 @@ def _nearest_first(joints: Array, posture: Array, apart: float) -> Array:
 def joined(
     chains: Chains, starts: Array, goals: Array, present: Array, last: float
 ) -> tuple[Integers, Integers, Array, Array]:
-    """Join each start to each goal, turned towards it and as it is, if that differs.
+    """Join starts to goals, turned towards them and as they are.
 
     Parameters
     ----------

@@ -236,7 +236,7 @@ def _largest_of(values: Array) -> tuple[float, int]:
 
 @kernel
 def _beyond(position: Array, lower: Array, upper: Array) -> Array:
-    """Return how far positions, shape (n, n_joints), are beyond limits, less than 0 within."""
+    """Return how far positions, shape (n, n_joints), are beyond limits. It is negative within."""
     out = np.empty(position.shape)
     for i in range(position.shape[0]):
         for j in range(position.shape[1]):

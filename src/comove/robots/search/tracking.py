@@ -111,7 +111,9 @@ def _solved(
 
 
 def _smooth(joints: Array, at: Array) -> Array:
-    """Fit a quintic least-squares spline, at rest at both ends, to joints at even times; evaluate it.
+    """Fit a least-squares spline to joints at even times; evaluate it.
+
+    It is quintic, and at rest at both ends.
 
     Parameters
     ----------

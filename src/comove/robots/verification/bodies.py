@@ -328,7 +328,7 @@ def bodies_of(
 
 
 class KnownBodies(NamedTuple):
-    """The bodies and pairs that are the same for all motions on a scene.
+    """The bodies and pairs of all motions on a scene.
 
     Attributes
     ----------
@@ -351,7 +351,7 @@ class KnownBodies(NamedTuple):
 def _bodies_for_all_motions(
     scene: Scene, robot: Robot, holders: tuple[Arm, ...], n_loads: int
 ) -> KnownBodies:
-    """Return the bodies and pairs of a scene whose payload has some shapes; none of these has a hull."""
+    """Return the bodies and pairs of a scene. None of the payload's shapes has a hull."""
     links, obstacles = links_of(robot), _obstacles(scene)
     n_links, n_own = robot.collision.ngeoms, len(links.bodies)
     first_load = n_own + len(obstacles)
