@@ -267,7 +267,7 @@ def certify(
 
 
 def _numbered(number: Integers, parts: int) -> tuple[Integers, Integers]:
-    """Return the interval numbers that occur, and the place of each cell's among them."""
+    """Return the numbers that occur, and each cell's place among them."""
     if parts > 8 * len(number) + 64:
         return np.unique(number, return_inverse=True)
     occurs = np.zeros(parts, dtype=bool)
