@@ -51,7 +51,7 @@ def test_candidates_come_as_if_all_were_asked_about_and_no_more_than_needed_are(
 
     known = {k: answer(k) for k in np.flatnonzero(worth_it).tolist()}
     candidates = Candidates(OBJECTIVE, evaluation(rng, n), worth_it.copy(), known)
-    bound = candidates.rank
+    bound, alone = candidates.rank, candidates.value.penalty.copy()
     order = candidates.best_first()
     first = next(order)
     least = candidates.rank[first]
@@ -61,6 +61,7 @@ def test_candidates_come_as_if_all_were_asked_about_and_no_more_than_needed_are(
     )
     came = [first, *order]
     value = candidates.value
+    np.testing.assert_array_equal(value.penalty, alone + np.where(worth_it, penalty, 0.0))
     assert len(asked) == len(set(asked)) == worth_it.sum()
     whole = Candidates(OBJECTIVE, value, worth_it & executable)
     assert came == np.argsort(whole.rank, kind="stable").tolist()
