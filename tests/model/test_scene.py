@@ -432,7 +432,9 @@ def test_an_end_that_is_just_as_near_as_it_may_be_is_told_at_reading(clearance):
     Scene.from_dict(data)
 
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("[mr]o[vb]*/*.yaml"))  # moving obstacles, robots
+EXAMPLES = sorted(
+    (Path(__file__).parents[2] / "examples").glob("[mr]o[vb]*/*.yaml")
+)  # moving obstacles, robots
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

@@ -228,20 +228,21 @@ class EndJoints:
             clearance <= self.scene.clearance, clearance <= self.scene.clearance - FAT, dtype=np.int64
         )
 
-    def clearances(self, q: Array, nodes: Array) -> Array:
+    def clearances(self, q: Array, nodes: Array, some: Links | None = None) -> Array:
         """Compute the links' least distances from obstacles, payload and each other [m]. They are at most 5 cm.
 
         Parameters
         ----------
         q : array, shape (n, n_joints), joint positions of the chains
         nodes : array, shape (n_nodes, 3), positions of the keypoints [m]
+        some : the links to check; None for all
 
         Returns
         -------
         array, shape (n,)
         """
         arms = self.arms
-        return clearances_at(arms.chains, arms.links, arms.around, RESTING, q, nodes, ENOUGH)
+        return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
     def solved(self, end: str) -> tuple[Array, ...]:
         """Compute joint positions at an end by poses alone, nearest first.
@@ -334,9 +335,9 @@ class EndJoints:
         """Return arm i's clearance in some joints, without other arms; array, shape (n,) [m]."""
         moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
         moved[:, self.part(i)] = branches
-        chains, links, known = self.arms.chains, self.arms.links, of_robot(self.robot, self.holders)[1]
+        links, known = self.arms.links, of_robot(self.robot, self.holders)[1]
         own = _links_of_each(self.robot, self.holders)[i] if links is known else links.of(i)
-        return clearances_at(chains, own, self.arms.around, RESTING, moved, nodes, ENOUGH)
+        return self.clearances(moved, nodes, own)
 
     def reaches(self, i: int, nodes: Array, n_seeds: int) -> bool:
         """Return whether arm i can hold the payload and may be clear. Capsules decide, without the other arms.
