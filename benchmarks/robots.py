@@ -195,7 +195,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
         (RobotCarrier, "__init__"),
         (RobotCarrier, "_arms"),
     ),
-    "joints at ends": ((EndJoints, "branches"), (EndJoints, "pairs")),
+    "joints at ends": ((EndJoints, "solved"), (EndJoints, "branches"), (EndJoints, "pairs")),
     "ends checked": (
         (robots_solving, "warn_of_buried_links"),
         (RobotCarrier, "is_clear_at_ends"),

@@ -68,6 +68,17 @@ def test_velocities_and_accelerations_are_those_of_the_curve(name, seed, size):
     assert np.abs((after[1] - before[1]) / (2 * h) - acceleration).max() < 1e-3 * scale[2]
 
 
+@examples(20)
+@given(names, seeds, sizes, st.integers(2, 90))
+def test_nodes_at_even_times_and_at_knots_are_those_of_the_curve(name, seed, size, n_steps):
+    motion = random_motion(name, seed, size)
+    there = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, n_steps)))[0]
+    np.testing.assert_allclose(motion.nodes(n_steps), there, atol=1e-9 * (1.0 + np.abs(there).max()))
+    np.testing.assert_array_equal(motion.nodes_at_knots, motion.coordinates.motion(motion.knots))
+    assert motion.nodes_at_knots is motion.nodes_at_knots
+    assert not motion.nodes_at_knots.flags.writeable
+
+
 @examples(40)
 @given(names, seeds, sizes, metrics)
 def test_the_acceleration_bound_holds_at_every_instant(name, seed, size, metric):

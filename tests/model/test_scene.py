@@ -4,6 +4,8 @@ import copy
 import json
 import re
 import warnings
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
-from comove.model.scene import Scene
+from comove.model.scene import GEOMETRY, Scene, of_geometry
 from tests.cases import examples
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.15, 0.0]])
@@ -428,3 +430,44 @@ def test_an_end_that_is_just_as_near_as_it_may_be_is_told_at_reading(clearance):
         Scene.from_dict(data)
     data["manipulators"][0]["start"][0] += 1e-6
     Scene.from_dict(data)
+
+
+EXAMPLES = sorted(
+    (Path(__file__).parents[2] / "examples").glob("[mr]o[vb]*/*.yaml")
+)  # moving obstacles, robots
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_copies_in_another_duration_have_the_geometry_of_scenes_read_with_it(path):
+    """What a copy takes over from the scene is what it would compute itself."""
+    try:
+        scene = Scene.load(path, check_ends=False)
+    except SceneError:  # a file of something else
+        return
+    for name in GEOMETRY:
+        getattr(scene, name)
+    duration = 0.4 * scene.duration if scene.is_timed else 7.25
+    copied = scene.timed(duration).limited(speed=0.3, clearance=0.011)
+    alone = replace(copied)  # without what was computed
+    assert set(GEOMETRY) <= vars(copied).keys()
+    assert not set(GEOMETRY) & vars(alone).keys()
+    for name in GEOMETRY:
+        np.testing.assert_equal(getattr(copied, name), getattr(alone, name))
+
+
+def test_a_copy_in_another_duration_shares_what_was_derived_of_the_geometry():
+    """Computed once for all such copies; a copy whose grasp may differ computes its own."""
+    calls = list[Scene]()
+
+    @of_geometry
+    def counted(scene, factor):
+        calls.append(scene)
+        return factor * scene.nodes_at("start")
+
+    scene = Scene.from_dict(bar_scene())
+    copies = scene.timed(3.0), scene.limited(speed=0.5), scene.timed(3.0).limited(speed=0.2)
+    for own in (*copies, scene):
+        assert counted(own, 2.0) is counted(scene, 2.0)
+    assert len(calls) == 1
+    np.testing.assert_array_equal(counted(scene, 3.0), 3.0 * scene.nodes_at("start"))
+    assert counted(replace(scene), 2.0) is not counted(scene, 2.0)

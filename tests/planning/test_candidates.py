@@ -45,19 +45,23 @@ def test_candidates_come_as_if_all_were_asked_about_and_no_more_than_needed_are(
     worth_it = rng.random(n) < 0.7
 
     def answer(k):
+        yield 0.5 * penalty[k], True, False
         asked.append(k)
-        return penalty[k], bool(executable[k])
+        yield penalty[k], bool(executable[k]), True
 
-    known = {k: (lambda k=k: answer(k)) for k in np.flatnonzero(worth_it).tolist()}
+    known = {k: answer(k) for k in np.flatnonzero(worth_it).tolist()}
     candidates = Candidates(OBJECTIVE, evaluation(rng, n), worth_it.copy(), known)
-    bound = candidates.rank
+    bound, alone = candidates.rank, candidates.value.penalty.copy()
     order = candidates.best_first()
     first = next(order)
     least = candidates.rank[first]
     # whoever was asked about might have been better by what was known of it
-    assert all(bound[k] <= least for k in asked) and set(asked) <= set(np.flatnonzero(worth_it))
+    assert all(bound[k] + 0.5 * penalty[k] <= least for k in asked) and set(asked) <= set(
+        np.flatnonzero(worth_it)
+    )
     came = [first, *order]
     value = candidates.value
+    np.testing.assert_array_equal(value.penalty, alone + np.where(worth_it, penalty, 0.0))
     assert len(asked) == len(set(asked)) == worth_it.sum()
     whole = Candidates(OBJECTIVE, value, worth_it & executable)
     assert came == np.argsort(whole.rank, kind="stable").tolist()

@@ -22,7 +22,6 @@ from comove.robots import Robot, VerifiedJointMotion, robot_method
 from comove.robots.carrying import RobotCarrier
 from comove.robots.ends import EndSettings
 from comove.robots.search.following import MET
-from comove.robots.search.tracking import sampled_nodes
 from comove.verification import verify
 from tests.robots.known_carry import TABLE, known_carry, on_scene, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, gantry, gantry_scene, movement, robot, task
@@ -252,7 +251,7 @@ def test_joints_of_one_arm_at_an_end_do_not_depend_on_where_the_other_arm_rests(
 
 def test_the_known_path_is_possible_and_faster_or_blocked_ones_are_not():
     motion, _ = known_carry()
-    nodes = sampled_nodes(motion, 201)[None]
+    nodes = motion.nodes(201)[None]
     right = RobotCarrier(robot("baxter"), motion.scene)
     fast = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(duration=3.0)))
     above = {"shape": "cylinder", "center": [0.75, 0.35, 0.5], "radius": 0.03, "height": 0.4}
@@ -264,9 +263,7 @@ def test_the_known_path_is_possible_and_faster_or_blocked_ones_are_not():
 
 def test_a_population_is_asked_as_each_of_it_alone():
     carrying = task("gantry")
-    nodes = np.array(
-        [sampled_nodes(movement(carrying.scene, (0.0, y)), 201) for y in (0.0, 0.45, 0.9, 0.1, -0.5)]
-    )
+    nodes = np.array([movement(carrying.scene, (0.0, y)).nodes(201) for y in (0.0, 0.45, 0.9, 0.1, -0.5)])
     penalty, possible = carrying.ask(nodes)
     for k in range(len(nodes)):
         one, may = carrying.ask(nodes[k : k + 1])
@@ -413,7 +410,7 @@ def test_nothing_depends_on_how_many_threads_there_are():
     """Parts of a population are followed apart, in any order."""
     motion, _ = known_carry()
     carrying = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.25)))))
-    nodes = np.repeat(sampled_nodes(motion, 201)[None], 7, axis=0)
+    nodes = np.repeat(motion.nodes(201)[None], 7, axis=0)
     penalty, _ = carrying.ask(nodes)
     assert len(set(penalty.tolist())) == 1
 

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from comove.arrays import first_largest
 from comove.robots import JointMotion
-from comove.robots.motion import places
+from comove.robots.motion import Extreme, places
 from tests.cases import examples
 
 NAMES = ("one", "two", "three")
@@ -105,3 +106,12 @@ def test_a_stretched_motion_takes_the_same_path_at_another_pace(motion, factor):
             slower.at(s * slower.duration)[order], wanted, atol=1e-9 * (1 + np.abs(wanted).max()), rtol=1e-6
         )
     np.testing.assert_allclose(slower.largest()[0], motion.largest()[0] / factor, rtol=1e-6, atol=1e-9)
+
+
+@given(arrays(float, (5, 3), elements=st.one_of(st.integers(-2, 2).map(float), st.floats(allow_nan=True))))
+def test_the_largest_value_is_the_first_up_to_rounding_and_nan_counts_as_largest(values):
+    time = np.arange(5.0)
+    found = Extreme.largest(values, time)
+    row, column = np.unravel_index(first_largest(values), values.shape)
+    assert (found.joint, found.time) == (column, time[row])
+    np.testing.assert_equal(found.value, values.max())

@@ -284,8 +284,20 @@ def _b_splines(knots: Array, degree: int, s: Array, order: int = 0) -> Array:
 
 @lru_cache(maxsize=32)
 def _sampled(basis: MotionBasis, n_steps: int) -> Array:
+    boundary, shape = positions_at_even_times(basis, n_steps)
+    return np.ascontiguousarray(np.concatenate([shape, boundary], axis=1).T)
+
+
+@lru_cache(maxsize=32)
+def positions_at_even_times(basis: MotionBasis, n_steps: int) -> tuple[Array, Array]:
+    """Return `MotionBasis.at` of positions at even times, not to be changed.
+
+    Returns
+    -------
+    boundary, shape : arrays, shape (n_steps, 4) and (n_steps, n_basis)
+    """
     boundary, shape = basis.at(np.linspace(0.0, 1.0, n_steps))
-    return np.ascontiguousarray(np.concatenate([shape[0], boundary[0]], axis=1).T)
+    return boundary[0].copy(), shape[0].copy()
 
 
 def _jerk(knots: Array, force: Array) -> Array:

@@ -20,7 +20,9 @@ def cross(a: Array, b: Array) -> Array:
     """Compute cross products; arrays, shape (..., 3), that broadcast."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    out = np.empty((*np.broadcast_shapes(ax.shape, bx.shape), 3))
+    out[..., 0], out[..., 1], out[..., 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return out
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
@@ -133,13 +135,17 @@ def rates_of(vector: Array, angular: Array) -> Array:
 
 def matrices(quaternions: Array) -> Array:
     """Return the rotation matrices of unit quaternions; (..., 4) -> (..., 3, 3)."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    w, x, y, z = (quaternions[..., k] for k in range(4))
+    out = np.empty((*w.shape, 3, 3))
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    for a, row in enumerate(rows):
+        for b, value in enumerate(row):
+            out[..., a, b] = value
+    return out
 
 
 def similarity(a: Array, b: Array) -> Array:

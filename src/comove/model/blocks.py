@@ -9,7 +9,7 @@ import numpy as np
 
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
-from comove.geometry.rotations import cross, quaternion_of_rotation, quaternion_product
+from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.model.groups import GroupPose
 
 POINT, ANGLE, DIRECTION, QUATERNION = range(4)
@@ -262,14 +262,44 @@ def turned(kind: int, part: Array, points: Array) -> Array:
     if kind == DIRECTION:
         return u[:, :, None, :] * points[:, 0, None]
     conjugate = u[0] * np.array([1.0, -1, -1, -1])
-    spin = 2 * quaternion_product(u[1], conjugate)[:, None, 1:]
-    twist = 2 * quaternion_product(u[2], conjugate)[:, None, 1:]
-    w, axis = u[0][:, None, :1], u[0][:, None, 1:]
-    crossed = cross(axis, points[None])
-    result[0] = points + 2 * (w * crossed + cross(axis, crossed))
-    result[1] = cross(spin, result[0])
-    result[2] = cross(twist, result[0]) + cross(spin, result[1])
+    spin = 2 * quaternion_product(u[1], conjugate)[:, 1:]
+    twist = 2 * quaternion_product(u[2], conjugate)[:, 1:]
+    _turned_in_space(points, u[0], spin, twist, result)
     return result
+
+
+@kernel
+def _turned_in_space(points: Array, unit: Array, spin: Array, twist: Array, out: Array) -> None:
+    """Write points turned by unit quaternions, and two derivatives.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3)
+    unit : array, shape (n_steps, 4)
+    spin, twist : arrays, shape (n_steps, 3), angular velocity and its derivative
+    out : array, shape (3, n_steps, n_points, 3)
+    """
+    for t in range(unit.shape[0]):
+        w, a, b, c = unit[t, 0], unit[t, 1], unit[t, 2], unit[t, 3]
+        for k in range(points.shape[0]):
+            x, y, z = points[k, 0], points[k, 1], points[k, 2]
+            u, v, s = b * z - c * y, c * x - a * z, a * y - b * x
+            x, y, z = (
+                x + 2 * (w * u + (b * s - c * v)),
+                y + 2 * (w * v + (c * u - a * s)),
+                z + 2 * (w * s + (a * v - b * u)),
+            )
+            u, v, s = _crossed(spin[t], x, y, z)
+            out[0, t, k, 0], out[0, t, k, 1], out[0, t, k, 2] = x, y, z
+            out[1, t, k, 0], out[1, t, k, 1], out[1, t, k, 2] = u, v, s
+            x, y, z = _crossed(twist[t], x, y, z)
+            u, v, s = _crossed(spin[t], u, v, s)
+            out[2, t, k, 0], out[2, t, k, 1], out[2, t, k, 2] = x + u, y + v, z + s
+
+
+@kernel
+def _crossed(a: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
 
 
 def unit_motion(part: Array) -> Array:

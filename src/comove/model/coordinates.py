@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -57,7 +57,7 @@ from comove.model.blocks import (
     write_twist,
 )
 from comove.model.groups import GroupPose, RigidGroup, orientation_of
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 
 UNDRIVEN = {
     "space": "projection in space serves loads held by two hands, and no relative poses",
@@ -249,7 +249,7 @@ class Coordinates:
         )
 
 
-@lru_cache(maxsize=8)  # a search asks for them everywhere
+@of_geometry  # a search asks for them everywhere
 def load_coordinates(scene: Scene) -> Coordinates:
     """Return the fewest coordinates, about the payload's centre."""
     return _load_coordinates(scene)

@@ -159,18 +159,19 @@ def _angular_velocity(points: Array, velocities: Array) -> Array:
     Arrays are as in `Grasp.spins`. With edges e_i from the first point, their normal included, and g_i the dual
     basis, ``2 w = sum_i g_i x e_i'``.
     """
-    edges, rates = (
-        points[..., 1:, :] - points[..., :1, :],
-        velocities[..., 1:, :, :] - velocities[..., :1, :, :],
+    first, second = points[..., 1, :] - points[..., 0, :], points[..., 2, :] - points[..., 0, :]
+    rates = (velocities[..., 1:, :, :] - velocities[..., :1, :, :]).swapaxes(-1, -2)
+    normal = cross(first, second)
+    turned = cross(rates[..., 0, :, :], second[..., None, :]) + cross(
+        first[..., None, :], rates[..., 1, :, :]
     )
-    normal = np.cross(edges[..., 0, :], edges[..., 1, :])
-    turned = np.cross(rates[..., 0, :, :], edges[..., 1, :, None], axis=-2) + np.cross(
-        edges[..., 0, :, None], rates[..., 1, :, :], axis=-2
+    square = (normal * normal).sum(axis=-1, keepdims=True)
+    dual = (
+        one[..., None, :] / square[..., None] for one in (cross(second, normal), cross(normal, first), normal)
     )
-    basis = np.concatenate([edges, normal[..., None, :]], axis=-2)
-    rates = np.concatenate([rates, turned[..., None, :, :]], axis=-3)
-    dual = np.linalg.inv(basis)  # whose columns are g_i
-    return 0.5 * np.cross(np.moveaxis(dual, -1, -2)[..., None], rates, axis=-2).sum(axis=-3)
+    changes = rates[..., 0, :, :], rates[..., 1, :, :], turned
+    spins = sum(cross(one, change) for one, change in zip(dual, changes, strict=True))
+    return 0.5 * np.asarray(spins).swapaxes(-1, -2)
 
 
 def keypoints_of(points: Array) -> tuple[int, int, int]:

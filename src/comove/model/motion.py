@@ -13,7 +13,7 @@ import comove
 from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.arguments import require_steps
-from comove.dmp.basis import MotionBasis, motion_basis
+from comove.dmp.basis import MotionBasis, motion_basis, positions_at_even_times
 from comove.model.coordinates import (
     Coordinates,
     coordinates_for,
@@ -97,6 +97,19 @@ class CoordinatedMotion:
         """Return q and two derivatives at normalised times; (3, n_steps, n_columns)."""
         boundary, shape = self.basis.at(s)
         return boundary @ self.boundary + shape @ self.weights.T
+
+    def nodes(self, n_steps: int) -> Array:
+        """Return the keypoints at even times; array, shape (n_steps, n_nodes, 3) [m]."""
+        boundary, shape = positions_at_even_times(self.basis, n_steps)
+        q = boundary @ self.boundary + shape @ self.weights.T
+        return np.ascontiguousarray(self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
+
+    @cached_property
+    def nodes_at_knots(self) -> Array:
+        """Return the keypoints at knots and two derivatives; array, shape (3, n_knots, n_nodes, 3) [m]."""
+        nodes = self.coordinates.motion(self.knots)
+        nodes.setflags(write=False)
+        return nodes
 
     def hands(self, s: ArrayLike) -> Array:
         """Return the end effectors' positions and two derivatives by normalised time.

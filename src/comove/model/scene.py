@@ -6,9 +6,9 @@ import hashlib
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,11 +76,18 @@ if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
 
 
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 TURNS = tuple(
     np.deg2rad([0.0, *(sign * angle for angle in range(5, 180, 5) for sign in (1, -1)), 180.0]).tolist()
 )
 """Turns of a free goal among which one has to be clear, the smallest first [rad]."""
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
+GEOMETRY = (
+    *("_nodes", "nodes_of_groups", "start", "goal", "manipulators", "lower", "upper", "workspace"),
+    *("moving", "turning", "spins", "centers", "first_rows", "convex_rows", "reaches", "obstacle_speeds"),
+)
+"""Cached values of a scene that depend on neither its duration nor its limits."""
 HUGE = 20.0  # size of what moves in workspaces, from which on it is probably written in millimetres
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
@@ -402,7 +409,22 @@ class Scene:
         raise first
 
     def _changed(self, **keys: Any) -> Scene:
-        return replace(self, file=self.file.model_copy(update=keys))
+        other = replace(self, file=self.file.model_copy(update=keys))
+        if keys.keys() <= {"duration", "limits"}:  # of which these values do not depend
+            known = vars(self)
+            vars(other).update(
+                {name: known[name] for name in GEOMETRY if name in known}, derived=self.derived
+            )
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: all but `derived`, which other processes derive themselves."""
+        return {name: value for name, value in vars(self).items() if name != "derived"}
+
+    @cached_property
+    def derived(self) -> dict[tuple[Any, ...], Any]:
+        """Return the results of functions `of_geometry` by function and arguments."""
+        return {}
 
     @property
     def name(self) -> str:
@@ -467,7 +489,7 @@ class Scene:
             hands[list(group.members)] = pose.place(group.points)[: len(group.members)]
         return hands[:, : self.n_dims]
 
-    @property
+    @cached_property
     def manipulators(self) -> tuple[str, ...]:
         """Return the names of the manipulators."""
         return tuple(m.name for m in self.file.manipulators)
@@ -607,9 +629,11 @@ class Scene:
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
 
     def _of_motions(self, of: Callable[[ObstacleMotion], Array], shape: tuple[int, ...]) -> Array:
-        still = np.zeros(shape)
-        of_each = [still if motion is None else of(motion) for motion in self.motions]
-        return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
+        found = np.zeros((shape[0], len(self.motions), *shape[1:]))
+        for i, motion in enumerate(self.motions):
+            if motion is not None:
+                found[:, i] = of(motion)
+        return found
 
     def obstacles_at(self, time: float, centers: Array | None = None) -> Array:
         """Return the table of obstacles at an instant [s].
@@ -815,9 +839,14 @@ class Scene:
 
     def nodes_at(self, end: str) -> Array:
         """Return the nodes at an end, shape (n_nodes, 3), [m]."""
-        nodes = np.zeros((self.body.n_nodes, 3))
+        return self._nodes[0 if end == "start" else 1].copy()
+
+    @cached_property
+    def _nodes(self) -> Array:
+        nodes = np.zeros((2, self.body.n_nodes, 3))
         for group, own in zip(self.groups, self.nodes_of_groups, strict=True):
-            nodes[own] = (group.start if end == "start" else group.goal).place(group.points)
+            for k, pose in enumerate((group.start, group.goal)):
+                nodes[k, own] = pose.place(group.points)
         return nodes
 
     @cached_property
@@ -828,6 +857,22 @@ class Scene:
             found.append([*group.members, *range(corner, corner + len(group.corners))])
             corner += len(group.corners)
         return tuple(found)
+
+
+def of_geometry(function: Callable[Concatenate[Scene, _P], _T]) -> Callable[Concatenate[Scene, _P], _T]:
+    """Decorate a function of a scene without its duration and limits.
+
+    Its results are kept for such copies of the scene, and not to be changed. Further arguments are hashable.
+    """
+
+    @wraps(function)
+    def kept(scene: Scene, *args: _P.args, **named: _P.kwargs) -> _T:
+        key = function, *args
+        if key not in scene.derived:
+            scene.derived[key] = function(scene, *args, **named)
+        return scene.derived[key]
+
+    return kept
 
 
 def _placed(table: Array, owners: Integers, centers: Array, turns: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -95,14 +95,16 @@ class Kinematics:
         """
         return value
 
-    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function of a movement's number: its penalty, and whether it seems possible.
+    def asking(self, nodes: Array) -> Callable[[int], Iterator[tuple[float, bool, bool]]]:
+        """Return a function of a movement's number: its penalty, whether it seems possible, and whether that is all.
+
+        They come in turn, ever closer from below; the last ones are exact.
 
         Parameters
         ----------
         nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), end effectors first, evenly spaced in time [m]
         """
-        return lambda k: (0.0, True)
+        return lambda k: iter([(0.0, True, True)])
 
     def shortest(self, motion: CoordinatedMotion) -> float:
         """Return the least duration of a movement's execution [s]. It is inf if the movement is impossible."""
@@ -153,12 +155,12 @@ class LimitedKinematics(Kinematics):
         penalty, possible : arrays, shape (n_rollouts,)
         """
 
-    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
+    def asking(self, nodes: Array) -> Callable[[int], Iterator[tuple[float, bool, bool]]]:
         """Return a function that evaluates `ask` for one movement, by its number."""
 
-        def ask(k: int) -> tuple[float, bool]:
+        def ask(k: int) -> Iterator[tuple[float, bool, bool]]:
             (penalty,), (possible,) = self.ask(nodes[k : k + 1])
-            return float(penalty), bool(possible)
+            yield float(penalty), bool(possible), True
 
         return ask
 

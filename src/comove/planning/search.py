@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,13 +190,17 @@ class Candidates:
     ----------
     objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties evaluated so far
     possible : array, shape (n_rollouts,), whether the kinematics may execute them
-    unasked : functions that return penalty and possibility, by the number of the rollout
+    unasked : what is left of the kinematics' penalties and possibilities, by the number of the rollout; see
+        `Kinematics.asking`
     """
 
     objective: Objective
     value: Evaluation
     possible: NDArray[np.bool_]
-    unasked: dict[int, Callable[[], tuple[float, bool]]] = field(default_factory=dict)
+    unasked: dict[int, Iterator[tuple[float, bool, bool]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._alone = self.value.penalty.copy()  # without the kinematics' penalties
 
     @cached_property
     def sound(self) -> NDArray[np.bool_]:
@@ -233,12 +237,14 @@ class Candidates:
 
     def ask_all(self) -> None:
         """Evaluate the kinematics of all rollouts that lack it."""
-        for number in list(self.unasked):
-            self._ask(number)
+        while self.unasked:
+            self._ask(next(iter(self.unasked)))
 
     def _ask(self, number: int) -> None:
-        penalty, self.possible[number] = self.unasked.pop(number)()
-        self.value.penalty[number] += penalty
+        penalty, self.possible[number], is_all = next(self.unasked[number])
+        self.value.penalty[number] = self._alone[number] + penalty
+        if is_all:
+            del self.unasked[number]
 
 
 @dataclass
@@ -366,7 +372,7 @@ class Search:
             objective,
             value._replace(penalty=value.penalty.copy()),
             possible,
-            {number: partial(ask, k) for k, number in enumerate(every.tolist())},
+            {number: ask(k) for k, number in enumerate(every.tolist())},
         )
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:

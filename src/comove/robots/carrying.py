@@ -18,7 +18,7 @@ from comove.model.coordinates import load_coordinates
 from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.grasp import Grasp
 from comove.model.motion import CoordinatedMotion
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.seeds import targets_along
@@ -40,7 +40,7 @@ from comove.robots.hands import collision_of_hands
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
-from comove.robots.search.following import MET, Arms, Strain, course_penalties, follow
+from comove.robots.search.following import MET, Arms, Strain, contact_along, course_penalties, demands, follow
 from comove.robots.search.links import (
     FAT,
     FATTEST,
@@ -52,7 +52,7 @@ from comove.robots.search.links import (
 )
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
-from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
+from comove.robots.search.tracking import N_COARSE, Miss, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
@@ -85,6 +85,27 @@ class CarrierSettings:
     ends: EndSettings = field(default_factory=EndSettings)
     plans: ArmPlanSettings = field(default_factory=ArmPlanSettings)
     follower: FollowerSettings = field(default_factory=FollowerSettings)
+
+
+@of_geometry
+def _unfit_grasps(
+    scene: Scene, robot: Robot, holders: tuple[Arm, ...], required: float
+) -> tuple[str, str, str] | None:
+    """Return the key of unfit grasps, a message, and a hint; None if they fit.
+
+    Parameters
+    ----------
+    required : distance that links keep from each other [m]
+    """
+    assert scene.grasp is not None, "scenes without a grasp are refused"
+    nodes = scene.nodes_at("start")
+    rotations, points = scene.grasp.hand_rotations(nodes), nodes[: len(holders)]
+    if met := collision_of_hands(robot, holders, rotations, points, required):
+        return "load.grasps", *met
+    for reason in overburdened(scene, holders):
+        message, hint = reason.rsplit("; ", 1)
+        return "load.mass", message, hint
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +158,8 @@ class RobotCarrier(LimitedKinematics):
             way_out = "add approach and closing to every grasp, such as [0, 0, -1] and [0, 1, 0]"
             told = "say it: grasp: {orientation: down, yaw: load}" if old else way_out
             raise unfit(scene, "grasp", f"a robot cannot know how to hold the {scene.words.load}", told)
-        nodes, required = scene.nodes_at("start"), min(scene.clearance, ROBOT_CLEARANCE)
-        rotations, points = scene.grasp.hand_rotations(nodes), nodes[: len(self.holders)]
-        if met := collision_of_hands(self.robot, self.holders, rotations, points, required):
-            raise unfit(scene, "load.grasps", *met)
-        for reason in overburdened(scene, self.holders):
-            raise unfit(scene, "load.mass", *reason.rsplit("; ", 1))
+        if reason := _unfit_grasps(scene, self.robot, self.holders, min(scene.clearance, ROBOT_CLEARANCE)):
+            raise unfit(scene, *reason)
 
     @property
     def grasp(self) -> Grasp:
@@ -226,7 +243,7 @@ class RobotCarrier(LimitedKinematics):
     def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
         """Return a changed copy that keeps valid cached values. These depend on neither caution nor duration."""
         other = replace(self, **changes)
-        for name in ("starts", "goals", "_retreats", "_refused", "_pairs", "_led", *kept):
+        for name in ("starts", "goals", "_solved", "_retreats", "_refused", "_pairs", "_led", *kept):
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -242,12 +259,22 @@ class RobotCarrier(LimitedKinematics):
         """
         if self.begin is not None:
             return tuple(self.begin[arm.columns][None] for arm in self.holders)
-        return self.ends.branches("start")
+        return self.ends.branches("start", self._solved_at("start"))
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
         """Return each arm's joints at the goal, as `starts`."""
-        return self.ends.branches("goal")
+        return self.ends.branches("goal", self._solved_at("goal"))
+
+    def _solved_at(self, end: str) -> tuple[Array, ...]:
+        """Return the arms' joints at an end by their poses alone."""
+        if end not in self._solved:
+            self._solved[end] = self.ends.solved(end)
+        return self._solved[end]
+
+    @cached_property
+    def _solved(self) -> dict[str, tuple[Array, ...]]:
+        return {}
 
     def plan(
         self,
@@ -315,11 +342,15 @@ class RobotCarrier(LimitedKinematics):
     @property
     def ends(self) -> EndJoints:
         """Return the arms' joints at both ends."""
-        columns = np.concatenate([arm.columns for arm in self.holders])
-        present = (self.robot.home if self.present is None else self.present)[columns]
         return EndJoints(
-            self.robot, self.scene, self.grasp, self.holders, self.arms, present, self.settings.ends
+            self.robot, self.scene, self.grasp, self.holders, self.arms, self._begun, self.settings.ends
         )
+
+    @cached_property
+    def _begun(self) -> Array:
+        """Return the arms' joints before they approach the start; array, shape (n_joints of the arms,)."""
+        columns = np.concatenate([arm.columns for arm in self.holders])
+        return np.array((self.robot.home if self.present is None else self.present)[columns])
 
     @cached_property
     def _pairs(self) -> Array:
@@ -411,15 +442,19 @@ class RobotCarrier(LimitedKinematics):
         nodes = self._sampled(nodes)
         return self._asked(nodes, self.best_course(nodes[0]), self.arms)
 
-    def asking(self, nodes: Array) -> Callable[[int], tuple[float, bool]]:
-        """Return a function that computes `ask` of a numbered motion. It uses the present links."""
+    def asking(self, nodes: Array) -> Callable[[int], Iterator[tuple[float, bool, bool]]]:
+        """Return a function that computes `ask` of a numbered motion, links last. It uses the present links."""
         nodes, courses, arms = self._sampled(nodes), list[Array](), self.arms
 
-        def ask(k: int) -> tuple[float, bool]:
+        def ask(k: int) -> Iterator[tuple[float, bool, bool]]:
             if not courses:
                 courses.append(self.best_course(nodes[0]))
-            (penalty,), (possible,) = self._asked(nodes[k : k + 1], courses[0], arms)
-            return float(penalty), bool(possible)
+            missing, rates, jolt, penalty, q = demands(arms, nodes[k], courses[0], self.scene.duration)
+            possible = bool((missing <= MET).all() and (rates <= 1.0).all())
+            least = (penalty + self.settings.ease * jolt).sum()
+            yield float(least), possible, False
+            clearance, contact = contact_along(arms, q, nodes[k])
+            yield float(least + contact), possible and clearance > arms.around.clearance, True
 
         return ask
 
@@ -452,7 +487,7 @@ class RobotCarrier(LimitedKinematics):
 
     def track(self, motion: CoordinatedMotion, *, haste: int = 1) -> tuple[JointMotion, Miss | None]:
         """Compute the joints along a motion, and their largest miss; `haste` as in `search.tracking.track`."""
-        course = self.best_course(sampled_nodes(motion))
+        course = self.best_course(motion.nodes(N_COARSE))
         return track(self.robot, self.holders, self.arms, motion, course, haste=haste)
 
     def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:
@@ -527,6 +562,8 @@ class RobotCarrier(LimitedKinematics):
         """
         for retreat in self._retreats.values():
             retreat.require_free_rest()
+        for end in ("start", "goal") if self.begin is None else ("goal",):
+            self._solved_at(end)  # before clearances matter
         _ = self.starts, self.goals
         if self._retreats:
             _ = self._pairs
@@ -617,6 +654,7 @@ class RobotCarrier(LimitedKinematics):
         straight = CoordinatedMotion.straight(self.scene, coordinates)
         nodes = coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None]))
         self.ask(nodes)
+        _ = [*self.asking(nodes)(0)]
         joints, _ = self.track(straight)
         verify_joints(self.robot, straight, joints)
         follower = self.along(nodes[0])

@@ -24,8 +24,10 @@ import numpy as np
 import pinocchio as pin
 
 from comove.arrays import ROUNDING, Array
+from comove.compiled import kernel
+from comove.geometry.solids import N_CORNERS
 from comove.model.files.keys import DEFAULT_MASS
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
@@ -58,7 +60,7 @@ def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
     return (_counted_masses(scene) + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
 
 
-@lru_cache(maxsize=8)
+@of_geometry
 def _counted_masses(scene: Scene) -> Array:
     """Return the mass that counts as every hand's share; array, shape (n_hands,), not to be changed [kg].
 
@@ -94,7 +96,7 @@ def _rounded_down(value: float, digits: int = 3) -> str:
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
-@lru_cache(maxsize=8)
+@of_geometry
 def _shares(scene: Scene) -> Array:
     """Return every end effector's share of the payload's mass; read-only array, shape (n_hands,)."""
     shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
@@ -107,7 +109,11 @@ def _shares(scene: Scene) -> Array:
     hands = scene.nodes_at("start")[holders, seen]
     middle = hands.mean(axis=0)
     # the smallest change of equal shares that moves their mean place there; symmetric loads get equal ones exactly
-    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (_center_of_mass(scene)[seen] - middle)
+    away, arms = _center_of_mass(scene)[seen] - middle, hands - middle
+    if len(arms) == 2:  # of rank 1
+        change = arms @ away / max(float((arms * arms).sum()), 1e-300)
+    else:
+        change = np.linalg.pinv(arms.T, rcond=1e-6) @ away
     shares[holders] += change.round(12)
     return shares
 
@@ -118,6 +124,10 @@ def _center_of_mass(scene: Scene) -> Array:
     A mesh has that of its polytopes, whose overlaps count as often as in simulations; sheets have a thickness there.
     """
     nodes, body = scene.nodes_at("start"), scene.body
+    if len(body.solids) and body.solids.shape[1] == N_CORNERS:
+        corners = nodes[body.solids]
+        volumes = np.abs(np.linalg.det(corners[:, [1, 2, 4]] - corners[:, :1]))
+        return np.asarray(np.average(corners.mean(axis=1), axis=0, weights=volumes))
     if len(body.solids):
         volumes, centers = zip(*(_volume(nodes[np.unique(solid)]) for solid in body.solids), strict=True)
         return np.asarray(np.average(centers, axis=0, weights=volumes))
@@ -231,8 +241,22 @@ def _sampling(samples: Array, step: float = 0.01) -> Array:
 
 def _largest_share(robot: Robot, time: Array, torque: Array) -> Extreme:
     """Find the largest share of effort limits, with a margin between samples. Torques are those at `_sampling`."""
-    bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
-    return Extreme.largest((np.abs(torque) + bulge) / robot.effort, time)
+    return Extreme.largest(_shares_of_effort(torque, robot.effort), time)
+
+
+@kernel
+def _shares_of_effort(torque: Array, effort: Array) -> Array:
+    """Return the shares for `_largest_share`; array, shape (n_steps, n_joints)."""
+    share = np.empty(torque.shape)
+    for j in range(torque.shape[1]):
+        bulge = 0.0
+        for t in range(1, torque.shape[0] - 1, 2):
+            off = abs(torque[t, j] - 0.5 * (torque[t - 1, j] + torque[t + 1, j]))
+            if bulge < off or np.isnan(off):
+                bulge = off
+        for t in range(torque.shape[0]):
+            share[t, j] = (abs(torque[t, j]) + bulge) / effort[j]
+    return share
 
 
 def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceleration: Array) -> Array:
@@ -253,6 +277,6 @@ def _loaded(robot: Robot, arms: tuple[Arm, ...], masses: tuple[float, ...]) -> I
 def _torques(robot: Robot, loaded: Inertias, position: Array, velocity: Array, acceleration: Array) -> Array:
     torque = inverse_dynamics(robot, loaded, position, velocity, acceleration)
     if robot.relief.any():
-        still = np.zeros_like(position)
-        torque -= robot.relief * inverse_dynamics(robot, Inertias.of(robot.model), position, still, still)
+        still = position[:0]
+        torque -= robot.relief * inverse_dynamics(robot, _loaded(robot, (), ()), position, still, still)
     return torque

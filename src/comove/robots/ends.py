@@ -22,7 +22,7 @@ from comove.model.scene import Scene
 from comove.processes import n_processors
 from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
-from comove.robots.search.chains import Chains, chains_of, turned_towards
+from comove.robots.search.chains import Chains, chains_of, turned_joint, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import MET, Arms, follow_one, solutions
 from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearances_at, links_of
@@ -64,7 +64,9 @@ class EndSettings:
     n_pairs: int = 16
 
 
+FEWER = 4  # by which fewer random joints are tried for a pose that has no solution in closed form
 DIGITS = 6  # of differences of joints, by which they are compared
+SCALE = 10.0**DIGITS
 FULL = 6  # joints with which a hand can be turned every way
 N_THREADS = min(4, n_processors())
 THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
@@ -161,33 +163,19 @@ class EndJoints:
         at = [(self.at(end), self.scene.nodes_at(end)) for end in ("start", "goal")]
         both = [_combined(found) for found in (starts, goals)]
         tight = [own.tightness(q, nodes) for q, (own, nodes) in zip(both, at, strict=True)]
-        start, goal = np.repeat(both[0], len(both[1]), axis=0), np.tile(both[1], (len(both[0]), 1))
-        turned = turned_towards(self.arms.chains, start, goal)
-        first, last = (
-            np.repeat(start, 2, axis=0),
-            np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
+        row, column, last, differ = joined(
+            self.arms.chains, *both, np.ascontiguousarray(self.present), self.settings.last
         )
-        tightest = np.repeat(np.maximum(tight[0][:, None], tight[1]), 2)
-        differ = (self.difference(self.present, first) + self.difference(first, last)).round(DIGITS)
-        others = np.zeros(len(first), dtype=bool)
+        tightest, others = np.maximum(tight[0][row], tight[1][column]), np.zeros(len(row), dtype=bool)
         if self.grasp.keypoints:
             led = _combined(self._led(starts))
-            others = ~(self.difference(np.repeat(led, 2 * len(both[1]), axis=0), last) < self.settings.other)
-        if (turned == goal).all():  # the second of each, as ends differ from each other
-            once = np.arange(0, len(first), 2)
-        else:
-            rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
-            _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
-            once.sort()
-        likely = (
-            np.lexsort((differ[once], others[once], tightest[once])),
-            np.lexsort((differ[once], others[once])),
-        )
+            others = ~(self.difference(led[row], last) < self.settings.other)
+        likely = np.lexsort((differ, others, tightest)), np.lexsort((differ, others))
         roomy, near = (np.argsort(order) for order in likely)
         every = self.settings.whatever
         places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
-        ranked = once[np.argsort(places, kind="stable")]
-        return np.stack([first[ranked], last[ranked]], axis=1)
+        ranked = np.argsort(places, kind="stable")
+        return np.stack([both[0][row[ranked]], last[ranked]], axis=1)
 
     def at(self, end: str) -> EndJoints:
         """Return the same among obstacles placed as at an end."""
@@ -202,8 +190,7 @@ class EndJoints:
         Arrays, shape (n_branches, n_joints of the arm), as `starts`; NaN where an arm cannot follow it.
         """
         motion, led = _straight(self.scene).motion, [np.full_like(joints, np.nan) for joints in starts]
-        nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, n_steps)))[0]
-        nodes, left = np.ascontiguousarray(nodes), np.empty((n_steps, len(starts)))
+        nodes, left = motion.nodes(n_steps), np.empty((n_steps, len(starts)))
         q = np.empty((n_steps, len(self.present)))
         for k in range(max(map(len, starts))):
             first = np.concatenate([joints[min(k, len(joints) - 1)] for joints in starts])
@@ -257,9 +244,39 @@ class EndJoints:
         arms = self.arms
         return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
-    def branches(self, end: str) -> tuple[Array, ...]:
+    def solved(self, end: str) -> tuple[Array, ...]:
+        """Compute joint positions at an end by poses alone, nearest first.
+
+        Returns
+        -------
+        arrays, shape (n_solutions, n_joints of the arm)
+
+        Raises
+        ------
+        SceneError
+            If an arm cannot reach the end.
+        """
+        nodes, posture, n = self.scene.nodes_at(end), self._near(end), len(self.holders)
+        rotations, found, chains = self.grasp.hand_rotations(nodes), list[Array](), self.arms.chains
+        each = range(n), rotations, nodes, [posture] * n, [self.settings.n_seeds] * n
+        are_slow = None in of_robot(self.robot, self.holders)[3]  # without a closed form
+        solved = (THREADS.map if are_slow else map)(self._solutions, *each)
+        for i, (joints, missing) in enumerate(solved):
+            if missing.min() > MET:
+                joints = joints[missing.argmin(), self.part(i)]
+                raise self._out_of_reach(self.holders[i], end, joints, rotations[i], nodes[i])
+            part = self.part(i)
+            held = turned_towards(chains, posture[part], joints[missing <= MET][:, part], part)
+            found.append(self._homely(held, posture[part]))
+        return tuple(found)
+
+    def branches(self, end: str, solved: tuple[Array, ...] | None = None) -> tuple[Array, ...]:
         """Compute the joint positions at an end, by arm; those in which its capsules have contacts come last, and
         those in which the arm by itself does are kept only if there are no others.
+
+        Parameters
+        ----------
+        solved : what `solved` returns, where it is known
 
         Returns
         -------
@@ -271,22 +288,13 @@ class EndJoints:
             If an arm cannot reach the end.
         """
         if self.time is None and self.scene.moving.any():
-            return self.at(end).branches(end)
-        nodes = self.scene.nodes_at(end)
-        rotations, how = self.grasp.hand_rotations(nodes), self.settings
-        posture, found, n = self._near(end), list[Array](), len(self.holders)
-        solved = THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n, [how.n_seeds] * n)
-        for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
-            part = self.part(i)
-            if missing.min() > MET:
-                raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
-            solved_ones = turned_towards(
-                self.arms.chains, posture[part], joints[missing <= MET][:, part], part
-            )
-            homely = self._homely(solved_ones, posture[part])
+            return self.at(end).branches(end, solved)
+        nodes, posture, how, found = self.scene.nodes_at(end), self._near(end), self.settings, list[Array]()
+        for i, homely in enumerate(solved or self.solved(end)):
             room = self._room(i, homely, nodes)
             if not (room > self.scene.clearance).any():  # there may be more room further away
-                found.append(self._roomy(i, homely, rotations[i], nodes, posture)[: how.n_branches])
+                rotation = self.grasp.hand_rotations(nodes)[i]
+                found.append(self._roomy(i, homely, rotation, nodes, posture)[: how.n_branches])
                 continue
             order = np.argsort(room <= 0.0, kind="stable")
             free = order[room[order] > self.scene.clearance - FATTEST]
@@ -327,7 +335,9 @@ class EndJoints:
         """Return arm i's clearance in some joints, without other arms; array, shape (n,) [m]."""
         moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
         moved[:, self.part(i)] = branches
-        return self.clearances(moved, nodes, self.arms.links.of(i))
+        links, known = self.arms.links, of_robot(self.robot, self.holders)[1]
+        own = _links_of_each(self.robot, self.holders)[i] if links is known else links.of(i)
+        return self.clearances(moved, nodes, own)
 
     def reaches(self, i: int, nodes: Array, n_seeds: int) -> bool:
         """Return whether arm i can hold the payload and may be clear. Capsules decide, without the other arms.
@@ -373,8 +383,7 @@ class EndJoints:
         """Return the distinct solutions of one arm, nearest to a posture first; `joints` has the shape (n, n_joints
         of the arm).
         """
-        away = np.abs(joints - posture).max(axis=1).round(DIGITS)
-        return self._distinct(joints[np.argsort(away, kind="stable")])
+        return _nearest_first(np.ascontiguousarray(joints), posture, self.settings.same_branch)
 
     def _distinct(self, joints: Array) -> Array:
         return joints[_differ(np.ascontiguousarray(joints), self.settings.same_branch)]
@@ -469,6 +478,12 @@ def of_robot(
     return chains, links_of(robot, holders), ranges_of(chains), forms
 
 
+@lru_cache(maxsize=32)
+def _links_of_each(robot: Robot, holders: tuple[Arm, ...]) -> tuple[Links, ...]:
+    """Return the links of each arm by itself."""
+    return tuple(of_robot(robot, holders)[1].of(i) for i in range(len(holders)))
+
+
 def solved_for(
     robot: Robot,
     holders: tuple[Arm, ...],
@@ -487,6 +502,7 @@ def solved_for(
             joints, missing = solutions(chains, i, rotation, point, posture, seeds)
             if missing.min() <= MET:
                 return joints, missing
+        n_seeds //= FEWER
     rng = np.random.default_rng(0)
     draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
     return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
@@ -513,6 +529,80 @@ def _differ(joints: Array, apart: float) -> NDArray[np.bool_]:
                 kept[k] = False
                 break
     return kept
+
+
+@kernel
+def _nearest_first(joints: Array, posture: Array, apart: float) -> Array:
+    """Return distinct joints, nearest to a posture first; arrays, shape (n, n_joints)."""
+    n, away, order = joints.shape[0], np.zeros(joints.shape[0]), np.arange(joints.shape[0])
+    for k in range(n):
+        for j in range(joints.shape[1]):
+            away[k] = max(away[k], abs(joints[k, j] - posture[j]))
+        away[k] = _rounded(away[k])
+        place = k  # after all that are as near
+        while place > 0 and away[order[place - 1]] > away[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+    ordered = joints[order]
+    return ordered[_differ(ordered, apart)]
+
+
+@kernel
+def joined(
+    chains: Chains, starts: Array, goals: Array, present: Array, last: float
+) -> tuple[Integers, Integers, Array, Array]:
+    """Join starts to goals, turned towards them and as they are.
+
+    Parameters
+    ----------
+    starts, goals : arrays, shape (n_starts, n_joints) and (n_goals, n_joints)
+    present : array, shape (n_joints,), joints before the start
+    last : weight of the rotation of an arm's last joint
+
+    Returns
+    -------
+    row, column : arrays, shape (n,), numbers of start and goal
+    joints : array, shape (n, n_joints), joints at the goal
+    differ : array, shape (n,), largest rotations to start and goal, added, those of last joints weighted [rad]
+    """
+    n_starts, n_goals, n_joints = starts.shape[0], goals.shape[0], starts.shape[1]
+    row = np.empty(2 * n_starts * n_goals, dtype=np.int64)
+    column, differ, joints = np.empty_like(row), np.empty(len(row)), np.empty((len(row), n_joints))
+    weight, rounded, n = np.ones(n_joints), np.empty((len(row), n_joints)), 0
+    for arm in range(chains.first.shape[0] - 1):
+        weight[chains.first[arm + 1] - 1] = last
+    for i in range(n_starts):
+        begun, before = n, 0.0
+        for j in range(n_joints):
+            before = max(before, weight[j] * abs(present[j] - starts[i, j]))
+        for k in range(n_goals):
+            for as_it_is in range(2):
+                after = 0.0
+                for j in range(n_joints):
+                    goal = goals[k, j]
+                    if as_it_is == 0:
+                        goal = turned_joint(chains, j, starts[i, j], goal)
+                    joints[n, j], rounded[n, j] = goal, _rounded(goal)
+                    after = max(after, weight[j] * abs(starts[i, j] - goal))
+                is_new = True
+                for other in range(begun, n):
+                    j = 0
+                    while j < n_joints and rounded[other, j] == rounded[n, j]:
+                        j += 1
+                    if j == n_joints:
+                        is_new = False
+                        break
+                if is_new:
+                    row[n], column[n], differ[n] = i, k, _rounded(before + after)
+                    n += 1
+    return row[:n], column[:n], joints[:n], differ[:n]
+
+
+@kernel
+def _rounded(value: float) -> float:
+    """Return a number rounded to `DIGITS`, as `numpy.round` does."""
+    return np.rint(value * SCALE) / SCALE
 
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from comove.arrays import Array, Integers, first_largest
+from comove.arrays import ROUNDING, Array, Integers
 from comove.brief import brief
 from comove.compiled import kernel
 from comove.dmp.arguments import is_number
@@ -207,9 +207,42 @@ class Extreme(NamedTuple):
     @classmethod
     def largest(cls, values: Array, time: Array) -> Extreme:
         """Return the largest of `values`, shape (n_places, n_joints); `time` is of that shape, or (n_places,)."""
-        row, column = np.unravel_index(first_largest(values), values.shape)
+        largest, first = _largest_of(values.ravel())
+        row, column = divmod(first, values.shape[1])
         when = time[row] if time.ndim == 1 else time[row, column]
-        return cls(float(values.max()), int(column), float(when))
+        return cls(largest, column, float(when))
+
+
+@kernel
+def _largest_of(values: Array) -> tuple[float, int]:
+    """Return the largest of some values, shape (n,), and what `first_largest` does."""
+    best = 0
+    for k in range(values.shape[0]):
+        if np.isnan(values[k]):
+            return values[k], k
+        if values[k] > values[best]:
+            best = k
+    largest, size = values[best], 0.0
+    if not np.isfinite(largest):
+        return largest, best
+    for value in values:
+        if np.isfinite(value):
+            size = max(size, abs(value))
+    for k in range(best):
+        if values[k] >= largest - ROUNDING * size:
+            return largest, k
+    return largest, best
+
+
+@kernel
+def _beyond(position: Array, lower: Array, upper: Array) -> Array:
+    """Return how far positions, shape (n, n_joints), are beyond limits. It is negative within."""
+    out = np.empty(position.shape)
+    for i in range(position.shape[0]):
+        for j in range(position.shape[1]):
+            margin = min(position[i, j] - lower[j], upper[j] - position[i, j])
+            out[i, j] = margin if np.isnan(margin) else -margin
+    return out
 
 
 def least_margin(curve: JointCurve, lower: Array, upper: Array) -> Extreme:
@@ -221,8 +254,8 @@ def least_margin(curve: JointCurve, lower: Array, upper: Array) -> Extreme:
     lower, upper : arrays, shape (n_joints,), position limits
     """
     time, position = places(curve)
-    margin = np.minimum(position - lower, upper - position)
-    return Extreme.largest(-margin, time)._replace(value=float(margin.min()))
+    worst = Extreme.largest(_beyond(position, lower, upper), time)
+    return worst._replace(value=-worst.value)
 
 
 def largest_velocity(curve: JointCurve, limit: Array) -> Extreme:

@@ -14,6 +14,7 @@ derivative. That bound is a majorant: a series with coefficients that no coeffic
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import factorial
 from typing import Any, NamedTuple
 
@@ -42,6 +43,7 @@ class NodeBounds(NamedTuple):
     jerk: Array
 
 
+@lru_cache(maxsize=4)  # a motion's payload is verified, then its joints
 def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
     """Return bounds of keypoints' derivatives. They are infinite where an orientation is not defined."""
     coordinates, knots = motion.coordinates, motion.knots
@@ -58,6 +60,8 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
         with np.errstate(invalid="ignore"):
             acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
             jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
+    for bound in (acceleration, jerk):
+        bound.setflags(write=False)
     return NodeBounds(acceleration, jerk)
 
 
@@ -157,9 +161,7 @@ def largest_rates(motion: CoordinatedMotion) -> tuple[float, float, float]:
     -------
     speed, acceleration, jerk : [m/s, m/s^2, m/s^3]
     """
-    _, velocity, acceleration = motion.coordinates.motion(motion.knots)[
-        :, :, : len(motion.scene.manipulators)
-    ]
+    _, velocity, acceleration = motion.nodes_at_knots[:, :, : len(motion.scene.manipulators)]
     jerk = node_bounds(motion).jerk
     tightest = float(lengths(acceleration).max()) / motion.scene.duration**2
     return (

@@ -343,9 +343,8 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
             way_out="give a CoordinatedMotion, such as `solution.attempt`; a VerifiedMotion has passed already",
         )
     scene, duration = motion.scene, motion.scene.duration
-    position, velocity, acceleration = motion.coordinates.motion(motion.knots)[
-        :, :, : len(scene.manipulators)
-    ]
+    nodes = motion.nodes_at_knots
+    position, velocity, acceleration = nodes[:, :, : len(scene.manipulators)]
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
     bounds = node_bounds(motion)
     clearance = certify(motion, bounds)

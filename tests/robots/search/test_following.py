@@ -19,7 +19,6 @@ from comove.robots.search.following import (
     posture_on,
     solutions,
 )
-from comove.robots.search.tracking import sampled_nodes
 from tests.robots.known_carry import TABLE, grasp_frames, known_carry, scene_data
 from tests.robots.small_robots import columns, gantry_scene, grasp_errors, movement, robot, task, whole
 
@@ -58,7 +57,7 @@ def test_solutions_hold_the_hand_and_keep_the_limits(name):
 def test_arms_follow_a_movement_within_what_a_search_allows(name):
     carrying = task(name)
     motion = movement(carrying.scene)
-    nodes = sampled_nodes(motion, 101)
+    nodes = motion.nodes(101)
     q, missing = np.empty((101, len(columns(carrying.holders)))), np.empty((101, 2))
     follow_one(carrying.arms, nodes, carrying.best_course(nodes), q, missing)
     time = np.linspace(0.0, carrying.scene.duration, 101)
@@ -74,7 +73,7 @@ def test_rates_are_those_that_the_verification_finds():
     joints, miss = carrying.track(motion)
     assert miss is None
     report = verify_joints(carrying.robot, motion, joints).report
-    nodes = sampled_nodes(motion, 101)[None]
+    nodes = motion.nodes(101)[None]
     strain = carrying.strain(nodes, joints.position[[0, -1]][:, columns(carrying.holders)])
     speed, acceleration, torque = strain.rates[0].max(axis=0)
     assert speed == pytest.approx(report.velocity_ratio_max, rel=0.1)
@@ -88,7 +87,7 @@ def test_rates_are_those_that_the_verification_finds():
 def test_a_faster_movement_strains_in_proportion():
     """Speeds grow with the pace, accelerations with its square, still torques do not."""
     carrying = task("gantry")
-    nodes = sampled_nodes(movement(carrying.scene), 101)[None]
+    nodes = movement(carrying.scene).nodes(101)[None]
     course = carrying.best_course(nodes[0])
     slow, fast = (follow(carrying.arms, nodes, course, duration) for duration in (100.0, 50.0))
     np.testing.assert_allclose(fast[1][..., 0], 2 * slow[1][..., 0], rtol=1e-12)
@@ -105,7 +104,7 @@ def test_what_links_pass_between_two_samples_is_noticed():
     found = []
     for obstacles in ((rod,), (free,), ()):
         carrying = RobotCarrier(robot("gantry"), gantry_scene(obstacles))
-        nodes = sampled_nodes(movement(carrying.scene), 3)[None]
+        nodes = movement(carrying.scene).nodes(3)[None]
         strain = carrying.strain(nodes, carrying.best_course(nodes[0]))
         found.append((strain.clearance[0], strain.contact[0]))
     assert found[0][0] < 0.0 < found[0][1]
@@ -120,7 +119,7 @@ def test_links_that_come_too_near_the_load_cost_something():
     motion = movement(scene)
     thick = RobotCarrier(robot("baxter"), scene)
     thin = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE,))))
-    nodes = sampled_nodes(motion, 101)[None]
+    nodes = motion.nodes(101)[None]
     contacts = [c.strain(nodes, thin.best_course(nodes[0])).contact[0] for c in (thick, thin)]
     assert contacts[0] > contacts[1] == 0.0
 
@@ -128,7 +127,7 @@ def test_links_that_come_too_near_the_load_cost_something():
 def test_motions_that_are_asked_about_first_of_all_are_answered():
     """The ends, which then are still unknown, are solved by the same threads that follow motions."""
     carrying = RobotCarrier(robot("gantry"), gantry_scene())
-    nodes = sampled_nodes(movement(carrying.scene, (0.0, 0.0)), 101)
+    nodes = movement(carrying.scene, (0.0, 0.0)).nodes(101)
     course = np.stack([np.concatenate([q[0] for q in ends]) for ends in (carrying.starts, carrying.goals)])
     asked = threading.Thread(
         target=carrying.strain, args=(np.repeat(nodes[None], 8, axis=0), course), daemon=True
@@ -140,7 +139,7 @@ def test_motions_that_are_asked_about_first_of_all_are_answered():
 
 def test_a_movement_out_of_reach_costs_more_the_further_it_is():
     carrying = task("gantry")
-    nodes = [sampled_nodes(movement(carrying.scene, (0.0, shift)), 101) for shift in (0.0, 0.8, 1.0)]
+    nodes = [movement(carrying.scene, (0.0, shift)).nodes(101) for shift in (0.0, 0.8, 1.0)]
     strain = carrying.strain(np.array(nodes), carrying.best_course(nodes[0]))
     near, far, further = strain.missing.max(axis=1)
     assert near < MET

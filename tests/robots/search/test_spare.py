@@ -16,7 +16,6 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
 from comove.robots.search.spare import SETTINGS, ArmsFollower
-from comove.robots.search.tracking import sampled_nodes
 from tests.robots.known_carry import grasp_frames
 from tests.robots.small_robots import EXAMPLES, grasp_errors, movement, robot, task, whole
 
@@ -26,7 +25,7 @@ NAMES = ["gantry", "gap_30", "two_pandas", "ur5_and_panda"]
 def along(motion, carrying, n_steps=51):
     """Configurations of the load along a motion, and what follows them."""
     q = np.ascontiguousarray(motion.at(np.linspace(0.0, 1.0, n_steps))[0])
-    return q, carrying.along(sampled_nodes(motion, N_STEPS))
+    return q, carrying.along(motion.nodes(N_STEPS))
 
 
 def nodes_of(motion, q):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_lsq_spline
 
 from comove.robots.search import tracking
 from comove.robots.search.tracking import EXACT
@@ -100,3 +101,21 @@ def test_an_arm_that_is_too_short_misses_by_what_pinocchio_says():
     assert miss.distance > 0.05 > EXACT.tolerance
     assert (joints.position >= carrying.robot.lower).all()
     assert (joints.position <= carrying.robot.upper).all()
+
+
+def test_smooth_joints_are_the_least_squares_spline_through_mirrored_ones():
+    """As SciPy fits it to the joints themselves, at their times."""
+    rng, end = np.random.default_rng(6), 7.3
+    joints, time, at = (
+        np.cumsum(rng.normal(size=(201, 5)), axis=0),
+        np.linspace(0.0, end, 201),
+        np.array([0.0, 0.31, 1.0]),
+    )
+    inner = np.linspace(-end, 2 * end, 3 * 24 + 1)
+    spline = make_lsq_spline(
+        np.concatenate([-time[:0:-1], time, 2 * end - time[-2::-1]]),
+        np.concatenate([joints[:0:-1], joints, joints[-2::-1]]),
+        np.concatenate([[inner[0]] * 5, inner, [inner[-1]] * 5]),
+        k=5,
+    )
+    np.testing.assert_allclose(tracking._smooth(joints, at), spline(end * at), atol=1e-11)

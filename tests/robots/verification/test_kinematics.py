@@ -62,3 +62,12 @@ def test_torques_are_those_of_pinocchio(name):
     data = model.createData()
     for step, motion in enumerate(zip(q, rates, bends, strict=True)):
         np.testing.assert_allclose(found[step], pin.rnea(model, data, *motion), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["baxter", *RANDOM, "gantry"])
+def test_torques_at_rest_are_those_without_rates(name):
+    machine, rng = robot(name), np.random.default_rng(7)
+    q = rng.uniform(machine.lower, machine.upper, (8, machine.model.nv))
+    still, inertias = np.zeros_like(q), Inertias.of(machine.model)
+    at_rest = inverse_dynamics(machine, inertias, q, q[:0], q[:0])
+    np.testing.assert_array_equal(at_rest, inverse_dynamics(machine, inertias, q, still, still))

@@ -26,7 +26,7 @@ from comove.planning.search import Search
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, hand_jacobians, link_rows
 from comove.robots.search.chains import place_arm, pose_error
-from comove.robots.search.tracking import sampled_nodes
+from comove.robots.search.tracking import N_COARSE
 
 TURNING = Performance(first=0.05, last=2e-3, decay=2.0, gain=100.0)
 """Prescribed performance of a hand's orientation on the load, in radians for metres."""
@@ -49,7 +49,7 @@ class JointController(Controller):
         if not isinstance(carrier, RobotCarrier):
             raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
         self.carrier = carrier
-        self.first = carrier.best_course(sampled_nodes(taught))[0]
+        self.first = carrier.best_course(taught.nodes(N_COARSE))[0]
         self.joints, self.path = self.first, [self.first]
         self.rates, self.turned = np.zeros_like(self.first), 0.0
         least = self.scene.clearance + method.margin

@@ -669,7 +669,8 @@ class SceneFile(SceneKeys):
     @property
     def holder_numbers(self) -> tuple[int, ...]:
         """Return the holders' numbers, in the order of `holders`."""
-        return tuple(self.names.index(name) for name in self.holders)
+        names = self.names
+        return tuple(map(names.index, self.holders))
 
 
 def by_name(union: Any, key: str) -> dict[str, type[BaseModel]]:

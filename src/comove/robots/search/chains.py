@@ -106,6 +106,8 @@ class Iteration(NamedTuple):
     tolerance : largest residual accepted [m]
     steady : largest last step accepted [rad]
     most : largest number of steps
+    stalled : share of the residual four steps before, above which a large residual is given up from the eighth step
+        on, as joints that are stuck at their limits hardly ever get away
     """
 
     gain: float
@@ -113,6 +115,7 @@ class Iteration(NamedTuple):
     tolerance: float
     steady: float
     most: int
+    stalled: float = np.inf
 
 
 def turned_towards(chains: Chains, start: Array, goal: Array, part: slice = slice(None)) -> Array:
@@ -131,6 +134,17 @@ def turned_towards(chains: Chains, start: Array, goal: Array, part: slice = slic
     most = np.floor((chains.upper[part] - goal) / turn)
     turns = np.clip(np.round((start - goal) / turn), fewest, most)
     return goal + np.where(turns == 0.0, 0.0, turns * 2.0 * np.pi)
+
+
+@kernel
+def turned_joint(chains: Chains, j: int, start: float, goal: float) -> float:
+    """Shift joint j by whole turns, as `turned_towards` does."""
+    if chains.slides[j]:
+        return goal
+    turn = 2.0 * np.pi
+    fewest, most = np.ceil((chains.lower[j] - goal) / turn), np.floor((chains.upper[j] - goal) / turn)
+    turns = min(max(np.rint((start - goal) / turn), fewest), most)
+    return goal if turns == 0.0 else goal + turns * turn
 
 
 def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
@@ -357,16 +371,21 @@ def reach_pose(
     The residual [m] that is left.
     """
     largest_step = 0.3  # rad, of a joint in one iteration
+    large = 0.02  # m, of a residual that is given up where it hardly gets less
     at_limit = 1e-12  # rad, from a limit, where a joint is held; far below all residuals that are asked for
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     rotations, points, jac = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
     rows, free = np.empty((5, max(6, n))), np.empty(n, dtype=np.bool_)
     error, rest, dual, wish, step = rows[0], rows[1], rows[2], rows[3], rows[4]
     residual, moved = np.inf, np.inf
+    last, second, third, fourth = np.inf, np.inf, np.inf, np.inf  # residuals before
     for iteration in range(how.most + 1):
         place_arm(chains, arm, q, rotations, points)
+        last, second, third, fourth = residual, last, second, third
         residual = pose_error(rotations[n], points[n], target_rotation, target, error)
         if (residual < how.tolerance and moved < how.steady) or iteration == how.most:
+            break
+        if iteration >= 8 and residual > max(large, how.stalled * fourth):
             break
         jacobian(chains, arm, rotations, points, jac)
         damping = 1e-4 * min(1.0, 100.0 * residual * residual) + 1e-12

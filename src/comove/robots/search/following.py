@@ -31,10 +31,11 @@ from comove.robots.search.ranges import WristRanges
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=0.02, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
-SETTLING = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30)
+SETTLING = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30, stalled=0.85)
 """Iteration from random joints; what has not come to rest by then hardly ever does."""
-PATIENT = SETTLING._replace(gain=0.2, most=70)
+PATIENT = SETTLING._replace(gain=0.2, most=70, stalled=np.inf)
 """Iteration that goes on where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
+N_PATIENT = 8  # nearest joints from which it goes on
 
 
 class Arms(NamedTuple):
@@ -75,13 +76,13 @@ class Strain(NamedTuple):
 def solutions(
     chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
 ) -> tuple[Array, Array]:
-    """Solve an arm's joints for a pose from seeds; return joints and residuals."""
+    """Solve an arm's joints for a pose from seeds; return joints and residuals. `seeds` are overwritten."""
     missing, least = np.empty(seeds.shape[0]), np.inf
     for k in range(seeds.shape[0]):
         missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
         least = min(least, missing[k])
     if least > SETTLING.tolerance:
-        for k in range(seeds.shape[0]):
+        for k in np.argsort(missing)[:N_PATIENT]:
             missing[k] = reach_pose(chains, arm, rotation, point, posture, PATIENT, seeds[k])
     return seeds, missing
 
@@ -167,9 +168,28 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
         for i in range(n_arms):
             for t in range(n_steps):
                 missing[k, i] = max(missing[k, i], left[t, i])
-        clearance[k], contact[k] = _contact(arms, q, nodes[k])
+        clearance[k], contact[k] = contact_along(arms, q, nodes[k])
         _demand(arms, nodes[k], q, left, duration, rates[k], jolt[k], penalty[k])
     return missing, rates, jolt, penalty, clearance, contact
+
+
+@kernel
+def demands(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
+    """Follow one motion; return the fields of `Strain` that need no links, without the last two, and the joints.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_steps, n_nodes, 3), as in `follow`
+    """
+    n_steps, n_arms = nodes.shape[0], arms.chains.first.shape[0] - 1
+    q, left, missing = np.empty((n_steps, course.shape[1])), np.empty((n_steps, n_arms)), np.zeros(n_arms)
+    rates, jolt, penalty = np.zeros((n_arms, 3)), np.zeros(n_arms), np.zeros(n_arms)
+    follow_one(arms, nodes, course, q, left)
+    for i in range(n_arms):
+        for t in range(n_steps):
+            missing[i] = max(missing[i], left[t, i])
+    _demand(arms, nodes, q, left, duration, rates, jolt, penalty)
+    return missing, rates, jolt, penalty, q
 
 
 @kernel(nogil=True)
@@ -248,7 +268,7 @@ def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array
 
 
 @kernel
-def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
+def contact_along(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     """Compute the links' least clearance [m], and the penalty of missing clearance. It is capped at the desired one.
 
     Links are placed at every second sample. In between the ends of their axes are assumed to move on straight lines;

@@ -18,7 +18,7 @@ from comove.contacts.query import ball_about
 from comove.contacts.rods import nearest_shares, rod_distance, rods_distance
 from comove.geometry.solids import N_CORNERS
 from comove.model.moving import Displacements
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.planning.timing import fastest_point
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
@@ -139,6 +139,7 @@ class Links(NamedTuple):
         return own._replace(moving=self.moving[self.arm[self.moving] == arm])
 
 
+@of_geometry
 def load_lines(scene: Scene) -> tuple[Integers, Array]:
     """Return lines that represent a payload, and their radii.
 
@@ -547,8 +548,20 @@ def clearance_between(links: Links, start: Array, end: Array, cap: float) -> flo
         far = links.group_radius[a] + links.group_radius[b] + least
         if far <= 0.0 or x * x + y * y + z * z >= far * far:
             continue
+        seen, is_near = -1, False
         for p in range(first, last):
-            i, j = links.pairs[p, 0], links.pairs[p, 1]
+            i = links.pairs[p, 0]
+            if i != seen:  # of the pairs with the same first link, none may be near
+                x, y, z = (
+                    middle[i, 0] - centre[b, 0],
+                    middle[i, 1] - centre[b, 1],
+                    middle[i, 2] - centre[b, 2],
+                )
+                far = links.reach[i] + links.group_radius[b] + least
+                seen, is_near = i, far > 0.0 and x * x + y * y + z * z < far * far
+            if not is_near:
+                continue
+            j = links.pairs[p, 1]
             x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
             far = links.reach[i] + links.reach[j] + least - links.wider[p]
             if far > 0.0 and x * x + y * y + z * z < far * far:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_lsq_spline
+from scipy.interpolate import BSpline, CubicSpline, make_lsq_spline
 
 from comove.arrays import Array, first_largest
 from comove.compiled import kernel
@@ -15,6 +16,8 @@ from comove.robots.motion import JointMotion
 from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, follow_one, hand_rotation
 
+DEGREE = 5  # of the spline that smooths them
+N_COARSE = 201  # even samples of a motion that arms follow first
 EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-5, most=60)
 """Iteration for samples that begin near to their joints: after a last step of 1e-5 rad these are off by 1e-8 rad."""
 
@@ -54,11 +57,11 @@ def track(
     haste : stride of samples that are solved first; if one of those is missed, the others are not solved
     """
     duration, n_joints = motion.scene.duration, course.shape[1]
-    coarse = sampled_nodes(motion)
+    coarse = motion.nodes(N_COARSE)
     led, missing = np.empty((len(coarse), n_joints)), np.empty((len(coarse), len(holders)))
     follow_one(arms, coarse, course, led, missing)
     time = _sample_times(duration)
-    posture = _smooth(np.linspace(0.0, duration, len(coarse)), led, time)
+    posture = _smooth(led, time / duration)
     return _solved(robot, holders, arms, motion, time, posture, haste)
 
 
@@ -91,7 +94,7 @@ def _solved(
 ) -> tuple[JointMotion, Miss | None]:
     """Solve every sample, redundant joints near a posture; array, shape (n_steps, n_joints) [rad]."""
     n_steps, columns = len(time), np.concatenate([arm.columns for arm in holders])
-    nodes = sampled_nodes(motion, n_steps)
+    nodes = motion.nodes(n_steps)
     when, joints, residual = time, posture, np.zeros((0, len(holders)))
     if haste > 1:
         few = np.append(np.arange(0, n_steps - 1, haste), n_steps - 1)
@@ -107,28 +110,37 @@ def _solved(
     return JointMotion(time, robot.joint_names, position), miss
 
 
-def sampled_nodes(motion: CoordinatedMotion, n_steps: int = 201) -> Array:
-    """Compute keypoints at even times; array, shape (n_steps, n_nodes, 3) [m]."""
-    q = motion.at(np.linspace(0.0, 1.0, n_steps))[0]
-    return np.ascontiguousarray(motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
+def _smooth(joints: Array, at: Array) -> Array:
+    """Fit a least-squares spline to joints at even times; evaluate it.
 
+    It is quintic, and at rest at both ends.
 
-def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:
-    """Fit a quintic least-squares spline, at rest at both ends; evaluate it.
-
-    It fits `joints` at `time` by `pieces` polynomials, and is evaluated at the times `at`. The data are mirrored in
-    time at both ends, as a motion from rest to rest continues smoothly that way.
+    Parameters
+    ----------
+    joints : array, shape (n_steps, n_joints) [rad]
+    at : array, shape (n_at,), times as shares of the duration
 
     Returns
     -------
     array, shape (n_at, n_joints)
     """
-    end = time[-1]
-    times = np.concatenate([-time[:0:-1], time, 2 * end - time[-2::-1]])
-    mirrored = np.concatenate([joints[:0:-1], joints, joints[-2::-1]])
-    inner = np.linspace(-end, 2 * end, 3 * pieces + 1)
-    knots = np.concatenate([[inner[0]] * 5, inner, [inner[-1]] * 5])
-    return make_lsq_spline(times, mirrored, knots, k=5)(at)
+    knots, of_samples = _smoothing(len(joints))
+    return BSpline(knots, of_samples @ joints, DEGREE)(at)
+
+
+@lru_cache(maxsize=8)
+def _smoothing(n_steps: int, pieces: int = 24) -> tuple[Array, Array]:
+    """Return the knots of `_smooth`, and the map from samples to coefficients; (n_coefficients, n_steps).
+
+    The spline has `pieces` polynomials within the duration. The data are mirrored in time at both ends, as a motion
+    from rest to rest continues smoothly that way.
+    """
+    time, unit = np.linspace(0.0, 1.0, n_steps), np.eye(n_steps)
+    times = np.concatenate([-time[:0:-1], time, 2.0 - time[-2::-1]])
+    mirrored = np.concatenate([unit[:0:-1], unit, unit[-2::-1]])
+    inner = np.linspace(-1.0, 2.0, 3 * pieces + 1)
+    knots = np.concatenate([[inner[0]] * DEGREE, inner, [inner[-1]] * DEGREE])
+    return knots, make_lsq_spline(times, mirrored, knots, k=DEGREE).c
 
 
 @kernel

@@ -36,7 +36,7 @@ from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.moving import rotations
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
@@ -124,7 +124,7 @@ def links_of(robot: Robot) -> LinkBodies:
     )
 
 
-@lru_cache(maxsize=4)
+@of_geometry
 def _obstacles(scene: Scene) -> tuple[CollisionBody, ...]:
     """Return the obstacles of a scene, as they are in its file."""
     names = [scene.name_of(i) for i in range(len(scene.file.obstacles))]
@@ -291,52 +291,91 @@ def bodies_of(
     held : whether the holders' end effectors hold the payload, and so have no distance from it
     """
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
-    links, obstacles, shapes = links_of(robot), _obstacles(scene), load_shapes(carried)
-    n_links, n_own = robot.collision.ngeoms, len(links.bodies)
-    first_load = n_own + len(obstacles)
+    links, shapes = links_of(robot), load_shapes(carried)
+    holders = tuple(arms[i] for i in scene.file.holder_numbers)
+    known = _bodies_for_all_motions(scene, robot, holders if held else (), len(shapes))
+    n_own, first_load = len(links.bodies), len(known.bodies) - len(known.hulls)
     rods = tuple((first_load + k, *shape.nodes) for k, shape in enumerate(shapes))
     loads = [
         _body(pin.GeometryObject(f"load {k}", 0, pin.SE3.Identity(), shape.geometry), "the load")
         for k, shape in enumerate(shapes)
     ]
-    bodies = [*links.bodies, *obstacles, *loads]
-    of_links = [k for k in range(n_links) if bodies[k].hull is not None]
-    hulls = dict(zip(of_links, range(n_links, n_own), strict=True))
-    for mesh, body in list(enumerate(bodies))[n_own:]:
-        if body.hull is not None:
-            hulls[mesh] = len(bodies)
-            bodies.append(body.hull)
-    moving = MovingObstacles.among(scene, [body.item for body in bodies], n_own, hulls)
+    bodies = (*known.bodies[:first_load], *loads, *known.hulls)
     others = np.zeros(len(bodies) - n_own)
-    joint = np.concatenate([links.joint, others.astype(np.int64)])
-    holders = [arms[i] for i in scene.file.holder_numbers] if held else []
-    ends, kind, exact = _with_hulls(
-        bodies, hulls, *_pairs(robot, scene, range(n_own, first_load), [rod for rod, *_ in rods], holders)
-    )
     base = np.concatenate([links.base, np.full(len(others), SCENE_ITSELF)])
     pull = np.concatenate([bases.pulls(links.base, links.root, links.length), others])
     pulls = [bases.of_hand(arms[i], hands[:, i]) for i in scene.file.holder_numbers]
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
         pull[rod] = max(amount for _, amount in pulls) * lever
-    taken = _taken(ends, pull, base)
-    taken[kind == LOAD] += miss * lever
+    taken = _taken(known.ends, pull, base)
+    taken[known.kind == LOAD] += miss * lever
     keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
-    reach = np.concatenate([links.reach, np.zeros((len(others), robot.model.nv))])
     return Bodies(
         robot=robot,
-        bodies=tuple(bodies),
-        joint=joint,
-        ends=ends,
-        kind=kind,
+        bodies=bodies,
+        joint=known.joint,
+        ends=known.ends,
+        kind=known.kind,
         required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
         taken=taken,
-        reach=_changes(robot, joint, reach, ends, kind, moving),
-        exact=exact,
+        reach=known.reach,
+        exact=known.exact,
         rods=rods,
         surfaces=scene.surfaces,
-        moving=moving,
+        moving=replace(known.moving, scene=scene),
     )
+
+
+class KnownBodies(NamedTuple):
+    """The bodies and pairs of all motions on a scene.
+
+    Attributes
+    ----------
+    bodies : links and obstacles, which the payload's shapes follow, then the hulls of obstacles
+    hulls : the latter
+    joint, ends, kind, exact, reach, moving : as in `Bodies`
+    """
+
+    bodies: tuple[CollisionBody, ...]
+    hulls: tuple[CollisionBody, ...]
+    joint: Integers
+    ends: Integers
+    kind: Integers
+    exact: Integers
+    reach: Array
+    moving: MovingObstacles
+
+
+@of_geometry
+def _bodies_for_all_motions(
+    scene: Scene, robot: Robot, holders: tuple[Arm, ...], n_loads: int
+) -> KnownBodies:
+    """Return the bodies and pairs of a scene. None of the payload's shapes has a hull."""
+    links, obstacles = links_of(robot), _obstacles(scene)
+    n_links, n_own = robot.collision.ngeoms, len(links.bodies)
+    first_load = n_own + len(obstacles)
+    of_links = [k for k in range(n_links) if links.bodies[k].hull is not None]
+    hulls = dict(zip(of_links, range(n_links, n_own), strict=True))
+    meshes = [k for k, body in enumerate(obstacles, n_own) if body.hull is not None]
+    hulls |= {mesh: first_load + n_loads + k for k, mesh in enumerate(meshes)}
+    further = tuple(body.hull for body in obstacles if body.hull is not None)
+    bodies = (*links.bodies, *obstacles, *further)
+    numbers = [*range(first_load), *range(first_load + n_loads, len(bodies) + n_loads)]
+    by_number = dict(zip(numbers, bodies, strict=True))
+    moving = MovingObstacles.among(
+        scene, {number: body.item for number, body in by_number.items()}, n_own, hulls
+    )
+    joint = np.zeros(len(bodies) + n_loads, dtype=np.int64)
+    joint[:n_own] = links.joint
+    reach = np.zeros((len(joint), robot.model.nv))
+    reach[:n_own] = links.reach
+    loads = list(range(first_load, first_load + n_loads))
+    ends, kind, exact = _with_hulls(
+        by_number, len(joint), hulls, *_pairs(robot, scene, range(n_own, first_load), loads, list(holders))
+    )
+    changes = _changes(robot, joint, reach, ends, kind, moving)
+    return KnownBodies(bodies, further, joint, ends, kind, exact, changes, moving)
 
 
 def links_apart(robot: Robot) -> Array:
@@ -392,7 +431,7 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
         Names the pairs, how deep they are, and what to change.
     """
     told, obstacles = list[str](), _obstacles(scene)
-    links = [body for body in links_of(robot).bodies[: robot.collision.ngeoms] if body.item.parentJoint == 0]
+    links = _links_at_rest(robot)
     still = [obstacles[i] for i in np.flatnonzero(~scene.moving).tolist()]
     for link, obstacle in _with_balls_that_meet(links, still):
         pair = [link.item.geometry, obstacle.item.geometry], [link.item.placement, obstacle.item.placement]
@@ -405,6 +444,13 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
             ComoveWarning,
             stacklevel=3,
         )
+
+
+@lru_cache(maxsize=8)
+def _links_at_rest(robot: Robot) -> list[CollisionBody]:
+    """Return the links that no joint moves, not to be changed."""
+    links = links_of(robot).bodies[: robot.collision.ngeoms]
+    return [body for body in links if body.item.parentJoint == 0]
 
 
 def _with_balls_that_meet(
@@ -422,7 +468,11 @@ def _with_balls_that_meet(
 
 
 def _with_hulls(
-    bodies: list[CollisionBody], hulls: Mapping[int, int], ends: Integers, kind: Integers
+    bodies: Mapping[int, CollisionBody],
+    n_bodies: int,
+    hulls: Mapping[int, int],
+    ends: Integers,
+    kind: Integers,
 ) -> tuple[Integers, Integers, Integers]:
     """Return pairs with hulls in place of meshes, their kinds, and `Bodies.exact`.
 
@@ -430,9 +480,10 @@ def _with_hulls(
 
     Parameters
     ----------
+    bodies : bodies by their numbers, without the payload's
     hulls : numbers of hulls, by those of the meshes that they hold
     """
-    convex, rough = np.arange(len(bodies)), np.arange(len(bodies))
+    convex, rough = np.arange(n_bodies), np.arange(n_bodies)
     for mesh, hull in hulls.items():
         (convex if bodies[mesh].is_convex else rough)[mesh] = hull
     ends = convex[ends]
@@ -634,13 +685,13 @@ class MovingObstacles:
 
     @classmethod
     def among(
-        cls, scene: Scene, items: Sequence[Any], first: int, hulls: Mapping[int, int]
+        cls, scene: Scene, items: Mapping[int, Any], first: int, hulls: Mapping[int, int]
     ) -> MovingObstacles:
         """Return the moving obstacles of a scene among bodies.
 
         Parameters
         ----------
-        items : pinocchio.GeometryObjects of the bodies
+        items : pinocchio.GeometryObjects of the bodies, by number
         first : number of the first obstacle's body, which those of the others follow
         hulls : numbers of hulls, by those of the meshes that they hold
         """

@@ -159,7 +159,7 @@ class Carried:
         """Return the nodes at the knots and their derivatives in unit duration; array, shape (3, n_knots, n_nodes,
         3) [m].
         """
-        return self.motion.coordinates.motion(self.motion.knots)
+        return self.motion.nodes_at_knots
 
     @cached_property
     def _bounds(self) -> NodeBounds:
@@ -394,20 +394,50 @@ def _third_derivatives(
     """Bound |e'''| and the third derivative of the angle error between samples; arrays, shape (n_intervals,
     n_hands).
     """
-    rate, bend, jerk = curve.fastest[0], curve.bends_between, 6 * np.abs(curve.c[0])
     reaches = reaches_of(robot)
-    of_all, of_turning = np.empty((2, len(rate), len(arms)))
-    for i, arm in enumerate(arms):
-        turning = arm.columns[~reaches.slides[arm.columns]]
-        for bound, columns in ((of_all, arm.columns), (of_turning, turning)):
-            s1, s2, s3 = (x[:, columns].sum(axis=1) for x in (rate, bend, jerk))
-            bound[:, i] = s3 + 3 * s1 * s2 + s1**3
+    first = np.cumsum([0, *(len(arm.columns) for arm in arms)])
+    columns = np.concatenate([arm.columns for arm in arms])
+    sums = _sums(curve.c[0], curve.fastest[0], curve.bends, first, columns, reaches.slides)
+    of_all, of_turning = (s3 + 3 * s1 * s2 + s1**3 for s1, s2, s3 in sums)
     lengths = np.array([reaches.of_hand(arm)[0].max() for arm in arms])  # 1 at least where a joint slides
     begin, end = curve.x[:-1], curve.x[1:]
     swing = np.zeros((len(begin), len(arms)))
     if (grasp := carried.motion.scene.grasp) is not None:
         swing[:, grasp.turning] = carried.swing.over(begin, end)
     return lengths * of_all + carried.jerk.over(begin, end), of_turning + swing
+
+
+@kernel
+def _sums(
+    cubic: Array, rate: Array, bend: Array, first: Integers, columns: Integers, slides: NDArray[np.bool_]
+) -> Array:
+    """Sum bounds of arms' joints between samples: of all joints, then of those that turn.
+
+    Parameters
+    ----------
+    cubic, rate, bend : arrays, shape (n_intervals, n_joints), coefficients of t^3 and largest rates, and
+        (n_intervals + 1, n_joints), second derivatives at the samples
+    first, columns : arrays, shape (n_arms + 1,) and (n,), columns of each arm's joints, one arm after the other
+    slides : array, shape (n_joints,), whether a joint is prismatic
+
+    Returns
+    -------
+    array, shape (2, 3, n_intervals, n_arms), sums of first to third derivatives
+    """
+    n_arms = first.shape[0] - 1
+    sums = np.zeros((2, 3, rate.shape[0], n_arms))
+    for t in range(rate.shape[0]):
+        for i in range(n_arms):
+            for j in columns[first[i] : first[i + 1]]:
+                bent, after, jerk = bend[t, j], bend[t + 1, j], 6.0 * abs(cubic[t, j])
+                if bent < after or np.isnan(after):
+                    bent = after
+                for turning in range(2):
+                    if turning == 0 or not slides[j]:
+                        sums[turning, 0, t, i] += rate[t, j]
+                        sums[turning, 1, t, i] += bent
+                        sums[turning, 2, t, i] += jerk
+    return sums
 
 
 def _grid(samples: Array, jerk: Array, tight: float, finest: int) -> tuple[Array, Integers]:

@@ -51,6 +51,7 @@ from comove.robots.verification.slabs import (
     Intervals,
     bound_cells,
     changes,
+    decided,
     distances_of_balls,
     enough,
     measure_cells,
@@ -241,7 +242,7 @@ def certify(
     lower, when, computed = np.full(3, np.inf), np.zeros(3), 0
     weakest, around = np.full(3, -1), np.zeros(3)
     for depth in range(settings.deepest):
-        numbers, row = np.unique(cells.number, return_inverse=True)
+        numbers, row = _numbered(cells.number, parts)
         at, time = course.intervals(numbers, parts)
         uppers = need.upper.copy()
         level = Level(bodies, at, cells, row, need)
@@ -249,14 +250,11 @@ def certify(
             level.begin(settings.few)
         bound, count = level.bounds()
         computed += count
-        kinds = bodies.kind[cells.pair]
-        done = bound >= np.array([enough(need, kind) for kind in range(3)])[kinds]
-        if depth == settings.deepest - 1 or computed > settings.most:
-            done[:] = True
-        before = lower.copy()
-        np.minimum.at(lower, kinds[done], bound[done])
+        before, is_last = lower.copy(), depth == settings.deepest - 1 or computed > settings.most
+        done = decided(need, bodies.kind, cells.pair, bound, is_last, lower)
         for kind in np.flatnonzero((lower < before) & (lower < bodies.required)):
-            least = np.flatnonzero(done & (kinds == kind) & (bound == lower[kind]))[0]
+            own = done & (bodies.kind[cells.pair] == kind)
+            least = np.flatnonzero(own & (bound == lower[kind]))[0]
             weakest[kind] = bodies.exact[cells.pair[least]]
             around[kind] = (cells.number[least] + 0.5) / parts * curve.x[-1]
         changed = need.upper < uppers
@@ -266,6 +264,15 @@ def certify(
         cells, parts = cells.divided(np.flatnonzero(~done)), 4 * parts
     columns = lower, need.upper, need.pair, when, weakest, around
     return [LinkClearance(*found) for found in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _numbered(number: Integers, parts: int) -> tuple[Integers, Integers]:
+    """Return the numbers that occur, and each cell's place among them."""
+    if parts > 8 * len(number) + 64:
+        return np.unique(number, return_inverse=True)
+    occurs = np.zeros(parts, dtype=bool)
+    occurs[number] = True
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[number]
 
 
 def are_clear(bodies: Bodies, q: Array, nodes: Array, time: float) -> bool:

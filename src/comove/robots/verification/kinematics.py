@@ -407,7 +407,8 @@ def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, b
 
     Parameters
     ----------
-    q, rates, bends : arrays, shape (n_steps, n_joints), positions, rates and second derivatives of the joints
+    q, rates, bends : arrays, shape (n_steps, n_joints), positions, rates and second derivatives of the joints; no
+        rates and second derivatives for joints at rest
 
     Returns
     -------
@@ -423,13 +424,23 @@ def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: 
     turn, arm = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3))
     spin, swing, pull = np.zeros((n_frames, 3)), np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
     force, moment = np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
+    rests = rates.shape[0] == 0
     for a in range(3):
         pull[0, a] = -inertias.gravity[a]
     for t in range(q.shape[0]):
         for j in range(1, n_frames):
             i, k, r, u = tree.parents[j], tree.columns[j], turn[j], tree.own[j]
-            rate, bend, slides = rates[t, k], bends[t, k], tree.slides[j]
             _place_joint(tree, j, q[t, k], r, arm[j])
+            if rests:
+                px, py, pz = _seen(r, pull[i, 0], pull[i, 1], pull[i, 2])
+                mass, center = inertias.mass[j], inertias.center[j]
+                x, y, z = center[0], center[1], center[2]
+                fx, fy, fz = mass * px, mass * py, mass * pz
+                pull[j, 0], pull[j, 1], pull[j, 2] = px, py, pz
+                force[j, 0], force[j, 1], force[j, 2] = fx, fy, fz
+                moment[j, 0], moment[j, 1], moment[j, 2] = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+                continue
+            rate, bend, slides = rates[t, k], bends[t, k], tree.slides[j]
             # how the frame before accelerates where this one is
             sx, sy, sz, wx, wy, wz = spin[i, 0], spin[i, 1], spin[i, 2], swing[i, 0], swing[i, 1], swing[i, 2]
             x, y, z = arm[j, 0], arm[j, 1], arm[j, 2]
@@ -467,7 +478,7 @@ def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: 
             i, k, r, u = tree.parents[j], tree.columns[j], turn[j], tree.own[j]
             carried = force[j] if tree.slides[j] else moment[j]
             own = u[0] * carried[0] + u[1] * carried[1] + u[2] * carried[2]
-            result[t, k] = inertias.armature[k] * bends[t, k] + own
+            result[t, k] = own if rests else inertias.armature[k] * bends[t, k] + own
             if i == 0:
                 continue
             x, y, z, mx, my, mz = arm[j, 0], arm[j, 1], arm[j, 2], moment[j, 0], moment[j, 1], moment[j, 2]

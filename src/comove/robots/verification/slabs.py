@@ -189,6 +189,29 @@ def enough(need: BoundTargets, kind: int) -> float:
 
 
 @kernel
+def decided(
+    need: BoundTargets, kind: Integers, pair: Integers, bound: Array, is_last: bool, lower: Array
+) -> NDArray[np.bool_]:
+    """Return which cells' bounds suffice, shape (n_cells,), all of the last level; lower their kinds' bounds.
+
+    Parameters
+    ----------
+    kind : array, shape (n_pairs,)
+    pair, bound : arrays, shape (n_cells,)
+    lower : array, shape (3,), lower bounds of the kinds, written [m]
+    """
+    done, enough_for = np.empty(pair.shape[0], dtype=np.bool_), np.empty(3)
+    for k in range(3):
+        enough_for[k] = enough(need, k)
+    for cell in range(pair.shape[0]):
+        own = kind[pair[cell]]
+        done[cell] = is_last or bound[cell] >= enough_for[own]
+        if done[cell] and (bound[cell] < lower[own] or np.isnan(bound[cell])):
+            lower[own] = bound[cell]
+    return done
+
+
+@kernel
 def ball_centers(solids: Solids, turns: Array, places: Array) -> Array:
     """Compute the centres of the balls about all bodies; array, shape (n_instants, n_bodies, 3) [m]."""
     centers = np.empty((turns.shape[0], solids.frame.shape[0], 3))
