@@ -3,7 +3,8 @@
 The command runs in this process with an empty cache of kernels; numba's own events tell when the compilation of a
 function for one signature begins and ends. A function's time is without the functions that it calls. A function that
 stands in the table with several signatures is compiled once for each. Without a command, all jobs of the warm-up that
-the installed extras allow are done one after the other; times are of the processor.
+the installed extras allow are done one after the other, and then once more by processes on all cores, as users do
+them; times are of the processor.
 
 To repeat: ``pip install comove``, ``python benchmarks/compiling.py [solve narrow.yaml]``.
 """
@@ -12,11 +13,13 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
 import tempfile
 import time
 from collections import defaultdict
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 
 from timing import print_table
 
@@ -52,7 +55,20 @@ def warm_up() -> None:
                 job.solve()
                 rows.append([name, time.process_time() - begun, kept(folder) - before])
         rows.append(["all", sum(row[1] for row in rows), kept(folder)])
+    with tempfile.TemporaryDirectory() as folder:
+        seconds = by_all_cores(folder)
+        rows.append(["all, on all cores", seconds, kept(folder)])
     print_table(["job", "processor [s]", "files of code"], [[n, f"{s:.1f}", k] for n, s, k in rows])
+
+
+def by_all_cores(folder: str) -> float:
+    """Return the processor time [s] of the warm-up as users have it, with an empty cache, all processes together."""
+    environment = {name: value for name, value in os.environ.items() if name != "COMOVE_COMPILE_ALONE"}
+    code = "from comove.planning.warming import unfinished, warm_up; warm_up(unfinished())"
+    before = getrusage(RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code], env=environment | {"NUMBA_CACHE_DIR": folder}, check=True)
+    after = getrusage(RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def kept(folder: str) -> int:

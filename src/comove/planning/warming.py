@@ -8,6 +8,7 @@ when it is first called.
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -139,8 +140,11 @@ class _Work:
     file: str
 
     def __call__(self, name: str) -> None:
+        gc.disable()  # the process only compiles; collections would visit all objects of the compiler again and again
         with compiling(self._tell):
             JOBS[name].solve()
+        gc.collect()
+        gc.freeze()
 
     def _tell(self, kernel: str) -> None:
         if kernel:
