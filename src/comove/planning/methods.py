@@ -79,6 +79,7 @@ class MethodSettings:
     rounds, draws, spread : rounds of bumps, bumps drawn in each, and their height [m]
     worth_another : relative gain below which another path counts as no better
     compared : samples between those at which a path is compared with motions
+    longer : length of a planar path, in terms of that of the best motion's, from which on it is not smoothed
     n_polished : cheapest fits of different plans that convex programmes improve
     hasty_idle : paths without gain that end the slower minimisation of the duration
     smoothing_share : share of the work of the budget before functions of the user are minimised
@@ -109,6 +110,7 @@ class MethodSettings:
     spread: float = 0.3
     worth_another: float = 0.01
     compared: int = 8
+    longer: float = 1.15
     n_polished: int = 3
     hasty_idle: int = 2
     smoothing_share: float = 0.4
@@ -290,7 +292,7 @@ class Comove(Method):
         dear = search.kinematics.has_limits or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         failures = idle = met = smooth = 0
-        known = list[tuple[Array, float]]()
+        known = list[Known]()
         space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
@@ -323,13 +325,13 @@ class Comove(Method):
                     break
                 if not pool:
                     continue
-                targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
                 before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
-                like = _like(space, targets[0][:: self.settings.compared], known)
-                if like is not None:  # what it would become is known
+                pool, met_now = _new_ways(space, pool, known, search.found.best_cost, self.settings)
+                met += met_now
+                if not pool:  # what they would become is known
                     tried, idle = tried + 1, idle + 1
-                    met += like < (1 + self.settings.worth_another) * search.found.best_cost
                     continue
+                targets, goal = pool.pop(0)
                 # One that gains nothing may be the last one.
                 if not limited and tried + 1 < n_ways and idle + 1 < n_idle and met + 1 < n_met:
                     ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
@@ -343,7 +345,13 @@ class Comove(Method):
                 # In space ways around an obstacle can be deformed into each other, and yet differ.
                 if done and space.blocks.n_dims == 2 and not dear and search.found.latest_motion is not None:
                     times = np.linspace(0.0, 1.0, N_STEPS)[:: self.settings.compared]
-                    known.append((search.found.latest_motion.at(times)[0], search.found.latest))
+                    known.append(
+                        Known(
+                            search.found.latest_motion.at(times)[0],
+                            search.found.latest,
+                            way_length(space, targets[0]),
+                        )
+                    )
                 if search.found.best is None and self._will_do(search):
                     return True
                 gained = search.found.best_cost < (1 - self.settings.worth_another) * before
@@ -568,10 +576,36 @@ def _is_convex(search: Search) -> bool:
     return search.hard and not search.kinematics.has_limits and search.objective.coordinates.kind == "load"
 
 
-def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:
-    """Return the cost of a known motion that a path deforms into."""
-    way = np.ascontiguousarray(way)
-    return next((cost for path, cost in known if deforms(space, way, path, 0.0)), None)
+class Known(NamedTuple):
+    """A motion that a path led to.
+
+    Attributes
+    ----------
+    way : array, shape (n_times, n_columns), the motion
+    cost : its value
+    length : length of the path [m]
+    """
+
+    way: Array
+    cost: float
+    length: float
+
+
+def _new_ways(
+    space: Space, pool: list[Plan], known: Sequence[Known], best: float, settings: MethodSettings
+) -> tuple[list[Plan], int]:
+    """Return the paths that lead to no known motion, shortest first, and how many lead to the best one again."""
+    lengths = [way_length(space, targets[0]) for targets, _ in pool]
+    longest = min((settings.longer * one.length for one in known if one.cost <= best), default=np.inf)
+    new, met = [], 0
+    for k in np.argsort(lengths, kind="stable").tolist():
+        way = np.ascontiguousarray(pool[k][0][0][:: settings.compared])
+        like = next((one.cost for one in known if deforms(space, way, one.way, 0.0)), None)
+        if like is None and lengths[k] < longest:
+            new.append(pool[k])
+        elif like is not None:
+            met += like < (1 + settings.worth_another) * best
+    return new, met
 
 
 def _unsampled(scene: Scene) -> Scene:

@@ -83,7 +83,7 @@ class PlannerSettings:
     brief: int = 200
     brief_forest: int = 250
     sure: int = 3
-    n_shortcuts: int = 100
+    n_shortcuts: int = 400
     forest: ForestSettings = FOREST
 
 
