@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array, first_least
+from comove.arrays import Array
 from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
@@ -33,8 +33,9 @@ from comove.planning.custom import CustomSettings, improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import OwnFunctions
+from comove.planning.orientations import can_turn, shortest_turned, turned_otherwise
 from comove.planning.planner import SETTINGS as PLANNER
-from comove.planning.planner import PlannerSettings, continuous
+from comove.planning.planner import PlannerSettings, continuous, kept_margin
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import GENTLE, bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
@@ -54,6 +55,8 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
+from comove.planning.trees import shortened
+from comove.planning.world import World
 from comove.verification.verify import Report
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -169,9 +172,9 @@ class Comove(Method):
     n_restarts: int = 2
     n_unfit: float = 3
     n_polishings: int = 5
-    n_ways: int = 10
-    n_idle: int = 4
-    n_drawn: tuple[int, int] = (2, 3)
+    n_ways: int = 16
+    n_idle: int = 3
+    n_drawn: tuple[int, int] = (4, 2)
     n_met: int = 3
     polishing: Schedule = POLISHING
     before: Array | None = field(default=None, compare=False)
@@ -292,7 +295,7 @@ class Comove(Method):
         dear = search.kinematics.has_limits or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         failures = idle = met = smooth = 0
-        known = list[Known]()
+        known, near = list[Known](), list[Plan]()
         space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
@@ -308,32 +311,36 @@ class Comove(Method):
                     hasty or (search.found.best is None and search.found.needed < np.inf)
                 ):
                     break  # seconds a way, and ways differ less in time than in jerk
-                begun = ahead.taken()
-                for k in range(n_drawn):
-                    search.check_time()
-                    search.journal.stage = "planning"
-                    nodes = self._nodes(failures if search.found.best is None else 0)
-                    found = begun[k] if begun else plans.targets(failures, nodes, search.rng)
-                    if found is None:
-                        failures += 1
-                        break
-                    # Something to hand out at once; where the duration is open it would be a slow motion.
-                    if search.found.best is None and not search.paced:
-                        self._certified_fit(search, *found, mend=False)
-                    pool.append(found)
-                if failures >= self.n_failures:
-                    break
-                if not pool:
-                    continue
                 before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
-                pool, met_now = _new_ways(space, pool, known, search.found.best_cost, self.settings)
-                met += met_now
-                if not pool:  # what they would become is known
-                    tried, idle = tried + 1, idle + 1
-                    continue
-                targets, goal = pool.pop(0)
+                is_near = bool(near)
+                if not near:
+                    begun = ahead.taken()
+                    for k in range(n_drawn):
+                        search.check_time()
+                        search.journal.stage = "planning"
+                        nodes = self._nodes(failures if search.found.best is None else 0)
+                        found = begun[k] if begun else plans.targets(failures, nodes, search.rng)
+                        if found is None:
+                            failures += 1
+                            break
+                        # Something to hand out at once; where the duration is open it would be a slow motion.
+                        if search.found.best is None and not search.paced:
+                            self._certified_fit(search, *found, mend=False)
+                        pool.append(found)
+                    if failures >= self.n_failures:
+                        break
+                    if not pool:
+                        continue
+                    before, search.found.latest = search.found.best_cost, np.inf
+                    pool, met_now = _new_ways(space, pool, known, search.found.best_cost, self.settings)
+                    met += int(met_now > 0)
+                    if not pool:  # what they would become is known
+                        tried, idle = tried + 1, idle + 1
+                        continue
+                targets, goal = (near or pool).pop(0)
                 # One that gains nothing may be the last one.
-                if not limited and tried + 1 < n_ways and idle + 1 < n_idle and met + 1 < n_met:
+                last = tried + 1 >= n_ways or idle + 1 >= n_idle or met + 1 >= n_met
+                if not (limited or last or near or ahead.are_begun):
                     ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
                 if tried == 0 and taught:
                     self._smooth_demonstration(search)
@@ -356,13 +363,12 @@ class Comove(Method):
                     return True
                 gained = search.found.best_cost < (1 - self.settings.worth_another) * before
                 gained |= search.found.needed < (1 - self.settings.worth_another) * needed
-                idle = 0 if gained or needed == search.found.best_cost == np.inf else idle + 1
-                met = (
-                    1
-                    if gained
-                    else met
-                    + (search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost)
-                )
+                if gained:
+                    idle, met = 0, 1
+                    near = [] if dear else self._near(search, plans)
+                elif not is_near:
+                    idle += not needed == search.found.best_cost == np.inf
+                    met += search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost
                 if search.found.best_cost < (1 + self.settings.worth_another) * least_worth(search):
                     break
         # Arms have other limits than the scene's.
@@ -373,6 +379,19 @@ class Comove(Method):
         return (
             search.found.best is not None or search.found.needed < np.inf
         )  # which no other way would shorten much
+
+    def _near(self, search: Search, plans: Plans) -> list[Plan]:
+        """Return the paths of the best motion, turned otherwise at one narrow place; shortest first."""
+        space, motion, settings = plans.space, search.found.best_motion, self.settings.planner
+        if motion is None or not can_turn(space):
+            return []
+        margin, times = search.scene.clearance, np.linspace(0.0, 1.0, N_STEPS)
+        paths = [
+            continuous(space, shortened(World.of(space), path, margin, search.rng, settings.n_shortcuts))
+            for path in turned_otherwise(space, motion.at(times)[0], margin)
+        ]
+        paths.sort(key=lambda path: way_length(space, path))
+        return [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
 
     def _smooth_demonstration(self, search: Search) -> bool:
         """Adapt the demonstration to the scene and smooth it; return whether it is verified."""
@@ -622,7 +641,8 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
     margins = method.settings.margins[scene.n_dims - 2]
     start = lifted(scene, space, at_start, "start", 2 * max(margins))
     goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
-    grow = search.kinematics.planner(method.settings.planner)
+    settings = method.settings.planner
+    grow, turns = search.kinematics.planner(settings), can_turn(space) and not search.kinematics.has_limits
 
     def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
@@ -631,6 +651,8 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
         path = grow(space, start, goal, margin, rng, required=required, max_nodes=max_nodes)
         if path is None:
             return None
+        if turns:
+            path = _turned(space, path, kept_margin(space, start, goal, margin, required), rng, settings)
         path, _ = _between_supports(
             space, path, np.zeros(len(path)), (at_start, start, goal, at_goal), np.inf
         )
@@ -639,6 +661,16 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
         return targets_along(space, path, gentle=gentle), path[-1]
 
     return targets
+
+
+def _turned(
+    space: Space, path: Array, margin: float, rng: np.random.Generator, settings: PlannerSettings
+) -> Array:
+    """Return a path that passes the same places in the orientations that make it shortest."""
+    turned = shortest_turned(space, path, margin)
+    if turned is path:
+        return path
+    return continuous(space, shortened(World.of(space), turned, margin, rng, settings.n_shortcuts))
 
 
 def _between_supports(

@@ -178,7 +178,11 @@ def shortened(world, path, margin, rng, n_trials):
             continue
         between(world, work[i], work[i + 1], (u - at_i) / max(lengths[i], 1e-12), p)
         between(world, work[j], work[j + 1], (v - at_j) / max(lengths[j], 1e-12), q)
-        if not (shortens(world, p, q, v - u - WORTHWHILE * total) and exists(world, work[i], p) and exists(world, work[j], q)):
+        if not (
+            shortens(world, p, q, v - u - WORTHWHILE * total)
+            and exists(world, work[i], p)
+            and exists(world, work[j], q)
+        ):
             continue
         if extend(world, p, q, WHOLE, margin, end) != ARRIVED:
             continue
