@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.arrays import Array, first_least
 from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
@@ -311,7 +311,6 @@ class Comove(Method):
                     hasty or (search.found.best is None and search.found.needed < np.inf)
                 ):
                     break  # seconds a way, and ways differ less in time than in jerk
-                before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
                 is_near = bool(near)
                 if not near:
                     begun = ahead.taken()
@@ -331,16 +330,22 @@ class Comove(Method):
                         break
                     if not pool:
                         continue
-                    before, search.found.latest = search.found.best_cost, np.inf
-                    pool, met_now = _new_ways(space, pool, known, search.found.best_cost, self.settings)
-                    met += int(met_now > 0)
+                    best = [one.length for one in known if one.cost <= search.found.best_cost]
+                    longest = np.inf if follows(search) else min(best, default=np.inf) * self.settings.longer
+                    pool, costs = _new_ways(space, pool, known, longest, self.settings.compared)
+                    met += (
+                        min(costs, default=np.inf)
+                        < (1 + self.settings.worth_another) * search.found.best_cost
+                    )
                     if not pool:  # what they would become is known
                         tried, idle = tried + 1, idle + 1
                         continue
-                targets, goal = (near or pool).pop(0)
+                ways = near or pool
+                targets, goal = ways.pop(first_least([way_length(space, targets[0]) for targets, _ in ways]))
+                before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
                 # One that gains nothing may be the last one.
                 last = tried + 1 >= n_ways or idle + 1 >= n_idle or met + 1 >= n_met
-                if not (limited or last or near or ahead.are_begun):
+                if not (limited or last or ahead.are_begun):
                     ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
                 if tried == 0 and taught:
                     self._smooth_demonstration(search)
@@ -365,7 +370,7 @@ class Comove(Method):
                 gained |= search.found.needed < (1 - self.settings.worth_another) * needed
                 if gained:
                     idle, met = 0, 1
-                    near = [] if dear else self._near(search, plans)
+                    near = [] if dear or hasty or follows(search) else self._near(search, plans)
                 elif not is_near:
                     idle += not needed == search.found.best_cost == np.inf
                     met += search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost
@@ -381,7 +386,7 @@ class Comove(Method):
         )  # which no other way would shorten much
 
     def _near(self, search: Search, plans: Plans) -> list[Plan]:
-        """Return the paths of the best motion, turned otherwise at one narrow place; shortest first."""
+        """Return the paths of the best motion, turned otherwise at one narrow place."""
         space, motion, settings = plans.space, search.found.best_motion, self.settings.planner
         if motion is None or not can_turn(space):
             return []
@@ -390,7 +395,6 @@ class Comove(Method):
             continuous(space, shortened(World.of(space), path, margin, search.rng, settings.n_shortcuts))
             for path in turned_otherwise(space, motion.at(times)[0], margin)
         ]
-        paths.sort(key=lambda path: way_length(space, path))
         return [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
 
     def _smooth_demonstration(self, search: Search) -> bool:
@@ -611,19 +615,17 @@ class Known(NamedTuple):
 
 
 def _new_ways(
-    space: Space, pool: list[Plan], known: Sequence[Known], best: float, settings: MethodSettings
-) -> tuple[list[Plan], int]:
-    """Return the paths that lead to no known motion, shortest first, and how many lead to the best one again."""
-    lengths = [way_length(space, targets[0]) for targets, _ in pool]
-    longest = min((settings.longer * one.length for one in known if one.cost <= best), default=np.inf)
-    new, met = [], 0
-    for k in np.argsort(lengths, kind="stable").tolist():
-        way = np.ascontiguousarray(pool[k][0][0][:: settings.compared])
+    space: Space, pool: list[Plan], known: Sequence[Known], longest: float, compared: int
+) -> tuple[list[Plan], list[float]]:
+    """Return the paths that lead to no known motion and are shorter than `longest`, and the costs of known ones."""
+    new, met = list[Plan](), list[float]()
+    for targets, goal in pool:
+        way = np.ascontiguousarray(targets[0][::compared])
         like = next((one.cost for one in known if deforms(space, way, one.way, 0.0)), None)
-        if like is None and lengths[k] < longest:
-            new.append(pool[k])
-        elif like is not None:
-            met += like < (1 + settings.worth_another) * best
+        if like is not None:
+            met.append(like)
+        elif way_length(space, targets[0]) < longest:
+            new.append((targets, goal))
     return new, met
 
 

@@ -165,7 +165,8 @@ def shortened(world, path, margin, rng, n_trials):
             lengths[i] = length(world, work[i], work[i + 1])
             total += lengths[i]
         u = rng.random() * total
-        v = min(total, max(0.0, u + (2.0 * rng.random() - 1.0) ** 3 * total))
+        v = abs(u + (2.0 * rng.random() - 1.0) ** 3 * total)  # mostly near u, where most shortcuts are free
+        v = total - abs(total - v)
         u, v = min(u, v), max(u, v)
         i, j, at_i, at_j = 0, 0, 0.0, 0.0
         while i < count - 2 and at_i + lengths[i] < u:
