@@ -392,7 +392,9 @@ class Comove(Method):
             return []
         margin, times = search.scene.clearance, np.linspace(0.0, 1.0, N_STEPS)
         paths = [
-            continuous(space, shortened(World.of(space), path, margin, search.rng, settings.n_shortcuts))
+            continuous(
+                space, shortened(World.of(space), path, margin, search.rng, settings.n_shortcuts, True)
+            )
             for path in turned_otherwise(space, motion.at(times)[0], margin)
         ]
         return [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
@@ -672,7 +674,7 @@ def _turned(
     turned = shortest_turned(space, path, margin)
     if turned is path:
         return path
-    return continuous(space, shortened(World.of(space), turned, margin, rng, settings.n_shortcuts))
+    return continuous(space, shortened(World.of(space), turned, margin, rng, settings.n_shortcuts, True))
 
 
 def _between_supports(

@@ -124,7 +124,7 @@ def plan(
             path = rrt_connect(world, start, goal, margin, rng, most, 20 * most, nothing)
         if len(path) > 0:
             space.found[int(grows_forest)] += 1
-            return continuous(space, shortened(world, path, margin, rng, settings.n_shortcuts))
+            return continuous(space, shortened(world, path, margin, rng, settings.n_shortcuts, True))
     return None
 
 

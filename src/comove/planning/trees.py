@@ -150,8 +150,11 @@ def _joined(trees, parents, mine, theirs):
 
 
 @kernel(nogil=True)
-def shortened(world, path, margin, rng, n_trials):
-    """Replace random pieces of a path by free straight edges; return it."""
+def shortened(world, path, margin, rng, n_trials, near):
+    """Replace random pieces of a path by free straight edges; return it.
+
+    If `near`, most of them are short, as most of these are free, and each saves a thousandth of the path or more.
+    """
     count, width = path.shape[0], path.shape[1]
     work, lengths = np.empty((count + 2 * n_trials + 2, width)), np.empty(count + 2 * n_trials + 2)
     for row in range(count):
@@ -164,9 +167,10 @@ def shortened(world, path, margin, rng, n_trials):
         for i in range(count - 1):
             lengths[i] = length(world, work[i], work[i + 1])
             total += lengths[i]
-        u = rng.random() * total
-        v = abs(u + (2.0 * rng.random() - 1.0) ** 3 * total)  # mostly near u, where most shortcuts are free
-        v = total - abs(total - v)
+        u, v = rng.random() * total, rng.random() * total
+        if near:
+            v = abs(u + (2.0 * v / total - 1.0) ** 3 * total)
+            v = total - abs(total - v)
         u, v = min(u, v), max(u, v)
         i, j, at_i, at_j = 0, 0, 0.0, 0.0
         while i < count - 2 and at_i + lengths[i] < u:
