@@ -330,8 +330,7 @@ class Comove(Method):
                         break
                     if not pool:
                         continue
-                    best = [one.length for one in known if one.cost <= search.found.best_cost]
-                    longest = np.inf if follows(search) else min(best, default=np.inf) * self.settings.longer
+                    longest = np.inf if follows(search) else self._longest(known)
                     pool, costs = _new_ways(space, pool, known, longest, self.settings.compared)
                     met += (
                         min(costs, default=np.inf)
@@ -370,7 +369,7 @@ class Comove(Method):
                 gained |= search.found.needed < (1 - self.settings.worth_another) * needed
                 if gained:
                     idle, met = 0, 1
-                    near = [] if dear or hasty or follows(search) else self._near(search, plans)
+                    near = [] if dear or hasty or follows(search) else self._near(search, plans, known)
                 elif not is_near:
                     idle += not needed == search.found.best_cost == np.inf
                     met += search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost
@@ -385,7 +384,7 @@ class Comove(Method):
             search.found.best is not None or search.found.needed < np.inf
         )  # which no other way would shorten much
 
-    def _near(self, search: Search, plans: Plans) -> list[Plan]:
+    def _near(self, search: Search, plans: Plans, known: Sequence[Known]) -> list[Plan]:
         """Return the paths of the best motion, turned otherwise at one narrow place."""
         space, motion, settings = plans.space, search.found.best_motion, self.settings.planner
         if motion is None or not can_turn(space):
@@ -397,7 +396,13 @@ class Comove(Method):
             )
             for path in turned_otherwise(space, motion.at(times)[0], margin)
         ]
-        return [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
+        ways = [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
+        return _new_ways(space, ways, known, self._longest(known), self.settings.compared)[0]
+
+    def _longest(self, known: Sequence[Known]) -> float:
+        """Return the length of a path above which it is not made smooth [m]."""
+        best = min(known, key=lambda one: one.cost, default=None)
+        return np.inf if best is None else self.settings.longer * best.length
 
     def _smooth_demonstration(self, search: Search) -> bool:
         """Adapt the demonstration to the scene and smooth it; return whether it is verified."""
@@ -646,7 +651,10 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
     start = lifted(scene, space, at_start, "start", 2 * max(margins))
     goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
     settings = method.settings.planner
-    grow, turns = search.kinematics.planner(settings), can_turn(space) and not search.kinematics.has_limits
+    grow, turns = (
+        search.kinematics.planner(settings),
+        can_turn(space) and scene.n_dims == 3 and not search.kinematics.has_limits,
+    )
 
     def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance

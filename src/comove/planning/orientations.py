@@ -27,9 +27,9 @@ Places = Array
 
 
 def can_turn(space: Space) -> bool:
-    """Return whether other orientations are tried: of one body in space whose columns are all free."""
+    """Return whether other orientations are tried: of one body whose columns are all free."""
     kind = space.blocks.kind
-    return space.blocks.n_dims == 3 and len(kind) == 1 and kind[0] != POINT and len(space.blocks.mask) == 0
+    return len(kind) == 1 and kind[0] != POINT and len(space.blocks.mask) == 0
 
 
 def places_along(space: Space, path: Array) -> Places:
