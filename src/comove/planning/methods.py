@@ -385,7 +385,7 @@ class Comove(Method):
         )  # which no other way would shorten much
 
     def _near(self, search: Search, plans: Plans, known: Sequence[Known]) -> list[Plan]:
-        """Return the paths of the best motion, turned otherwise at one narrow place."""
+        """Return paths that vary the best motion at one narrow place."""
         space, motion, settings = plans.space, search.found.best_motion, self.settings.planner
         if motion is None or not can_turn(space):
             return []
@@ -400,7 +400,7 @@ class Comove(Method):
         return _new_ways(space, ways, known, self._longest(known), self.settings.compared)[0]
 
     def _longest(self, known: Sequence[Known]) -> float:
-        """Return the length of a path above which it is not made smooth [m]."""
+        """Return the largest length of paths that are smoothed [m]."""
         best = min(known, key=lambda one: one.cost, default=None)
         return np.inf if best is None else self.settings.longer * best.length
 
@@ -624,7 +624,7 @@ class Known(NamedTuple):
 def _new_ways(
     space: Space, pool: list[Plan], known: Sequence[Known], longest: float, compared: int
 ) -> tuple[list[Plan], list[float]]:
-    """Return the paths that lead to no known motion and are shorter than `longest`, and the costs of known ones."""
+    """Return new paths shorter than `longest`, and the costs of known ones."""
     new, met = list[Plan](), list[float]()
     for targets, goal in pool:
         way = np.ascontiguousarray(targets[0][::compared])
@@ -678,7 +678,7 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
 def _turned(
     space: Space, path: Array, margin: float, rng: np.random.Generator, settings: PlannerSettings
 ) -> Array:
-    """Return a path that passes the same places in the orientations that make it shortest."""
+    """Return the shortest path through the same places, shortened."""
     turned = shortest_turned(space, path, margin)
     if turned is path:
         return path

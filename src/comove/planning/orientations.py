@@ -27,13 +27,13 @@ Places = Array
 
 
 def can_turn(space: Space) -> bool:
-    """Return whether other orientations are tried: of one body whose columns are all free."""
+    """Return whether other orientations are tried: of one free body."""
     kind = space.blocks.kind
     return len(kind) == 1 and kind[0] != POINT and len(space.blocks.mask) == 0
 
 
 def places_along(space: Space, path: Array) -> Places:
-    """Return the configurations of a path, and evenly spaced ones between them, in all orientations to try.
+    """Return places between and at configurations, in all orientations to try.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _turned(space: Space, own: Array) -> Places:
 
 
 def narrow_places(space: Space, places: Places) -> list[int]:
-    """Return the numbers of places with less clearance than any near them, but for the ends, narrowest first."""
+    """Return the numbers of places of locally least clearance, narrowest first."""
     nodes = np.empty((space.blocks.node.shape[0], 3))
     room = np.array([clearance_of(space, place[0], nodes, -np.inf) for place in places])
     least = [
@@ -85,14 +85,14 @@ def narrow_places(space: Space, places: Places) -> list[int]:
 
 
 def shortest_turned(space: Space, path: Array, margin: float) -> Array:
-    """Return the shortest path through the places of a path with a margin [m]; array, shape (n, n_columns)."""
+    """Return the shortest path through a path's places; array, shape (n, n_columns)."""
     places = places_along(space, path)
     chosen = _shortest(space, places, _passable(places), margin)
     return np.ascontiguousarray(places[chosen[:, 0], chosen[:, 1]]) if chosen[:, 1].any() else path
 
 
 def turned_otherwise(space: Space, way: Array, margin: float) -> list[Array]:
-    """Return the shortest paths that differ from a motion in the orientation at one of its narrow places.
+    """Return shortest paths with another orientation at one narrow place.
 
     Parameters
     ----------
