@@ -36,19 +36,27 @@ def peer(name: str) -> ModuleType:
 
 
 class Watch:
-    """Progress callback of `comove.solve` that records improvements."""
+    """Progress callback of `comove.solve` that records improvements, on the wall or by another clock."""
 
-    def __init__(self) -> None:
-        self.begun, self.seen = time.perf_counter(), [(0.0, float("inf"))]
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self.clock, self.begun, self.seen = clock, clock(), [(0.0, float("inf"))]
 
     def __call__(self, progress: Any) -> None:
         if progress.best is not None and progress.best < self.seen[-1][1]:
-            self.seen.append((time.perf_counter() - self.begun, progress.best))
+            self.seen.append((self.clock() - self.begun, progress.best))
 
     def converged(self, within: float = 0.01) -> float:
         """Return when the best came within a share of the last [s]. It is NaN where there is none."""
-        last = self.seen[-1][1]
-        return next((t for t, best in self.seen if best <= (1 + within) * last < float("inf")), float("nan"))
+        return self.reached((1 + within) * self.last)
+
+    @property
+    def last(self) -> float:
+        """Return the last value. It is inf where there is none."""
+        return self.seen[-1][1]
+
+    def reached(self, value: float) -> float:
+        """Return when the best came down to a value [s]. It is NaN where it never did."""
+        return next((t for t, best in self.seen if best <= value < float("inf")), float("nan"))
 
 
 class Parts:

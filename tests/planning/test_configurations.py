@@ -141,10 +141,14 @@ def test_paths_are_deformed_into_each_other_on_one_side_of_an_obstacle_alone():
     )
     space, s = configuration_space(scene, load_coordinates(scene)), np.linspace(0.0, 1.0, 26)
 
-    def way(height, turn=0.0):
-        bump = np.sin(np.pi * s) ** 2
-        return np.stack([s, 0.5 + height * bump, turn * s], axis=1)
+    def way(height, turn=0.0, pace=1):
+        t = s**pace
+        return np.stack([t, 0.5 + height * np.sin(np.pi * t) ** 2, turn * t], axis=1)
 
     assert deforms(space, way(0.3), way(0.6), 0.0) and deforms(space, way(-0.6), way(-0.3), 0.0)
     assert not deforms(space, way(0.3), way(-0.3), 0.0)
+    assert deforms(
+        space, way(0.3), way(0.3, pace=5), 0.0
+    )  # where one has passed the post, the other has not begun
+    assert not deforms(space, way(0.3), way(-0.3, pace=5), 0.0)
     assert not deforms(space, way(0.3), way(0.3, 2 * np.pi), 0.0)  # the ends are the same, the ways are not

@@ -54,6 +54,11 @@ class PlansAhead:
     def _targets(self) -> Targets:
         return self.planner(self.clock)
 
+    @property
+    def are_begun(self) -> bool:
+        """Return whether plans were begun that are not taken yet."""
+        return self._begun is not None
+
     def begin(self, failures: int, max_nodes: int) -> None:
         """Begin the plans of the next path."""
         left = self.search.clock.array[MOST] - self.search.clock.array[WORK]

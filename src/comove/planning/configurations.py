@@ -335,20 +335,46 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
 def deforms(space, one, other, margin):
     """Return whether a planar path deforms into another with a margin [m].
 
+    Each runs at a pace of its own: a path leads through the free-space diagram of straight moves between the two
+    (Alt and Godau, 1995).
+
     Parameters
     ----------
-    one, other : arrays, shape (n_times, n_columns), at equal times, with angles unwrapped
+    one, other : arrays, shapes (n_one, n_columns) and (n_other, n_columns), with angles unwrapped
     """
-    blocks, scratch, nodes = space.blocks, np.empty(one.shape[1]), np.empty((space.blocks.node.shape[0], 3))
-    for t in range(one.shape[0]):
-        for b in range(blocks.kind.shape[0]):
-            kind, o = blocks.kind[b], blocks.turn[b]
-            turned = abs(other[t, o] - one[t, o]) if kind == ANGLE else 0.0
-            if kind == DIRECTION:
-                turned = angle_between(kind, blocks.n_dims, one[t], other[t], o)
-            if turned > 0.5 * pi:  # else one might turn once more than the other
-                return False
-        if not edge_is_free(space, one[t], other[t], margin, scratch, nodes):
+    last_one, last_other = one.shape[0] - 1, other.shape[0] - 1
+    scratch, nodes = np.empty(one.shape[1]), np.empty((space.blocks.node.shape[0], 3))
+    seen = np.zeros((last_one + 1, last_other + 1), dtype=np.bool_)
+    stack, top = np.zeros((3 * seen.size + 1, 2), dtype=np.int64), 1
+    while top > 0:
+        top -= 1
+        i, j = stack[top]
+        if seen[i, j]:
+            continue
+        seen[i, j] = True
+        if not _turns_alike(space.blocks, one[i], other[j]):
+            continue
+        if not edge_is_free(space, one[i], other[j], margin, scratch, nodes):
+            continue
+        if i == last_one and j == last_other:
+            return True
+        for step in range(3):  # the last one is tried next: both move
+            on, off = int(step != 1), int(step != 0)
+            if i + on <= last_one and j + off <= last_other:
+                stack[top, 0], stack[top, 1] = i + on, j + off
+                top += 1
+    return False
+
+
+@kernel
+def _turns_alike(blocks, p, q):
+    """Return whether no orientation differs by more than 90 degrees; else one might turn once more than the other."""
+    for b in range(blocks.kind.shape[0]):
+        kind, o = blocks.kind[b], blocks.turn[b]
+        turned = abs(q[o] - p[o]) if kind == ANGLE else 0.0
+        if kind == DIRECTION:
+            turned = angle_between(kind, blocks.n_dims, p, q, o)
+        if turned > 0.5 * pi:
             return False
     return True
 

@@ -33,8 +33,9 @@ from comove.planning.custom import CustomSettings, improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import OwnFunctions
+from comove.planning.orientations import can_turn, shortest_turned, turned_otherwise
 from comove.planning.planner import SETTINGS as PLANNER
-from comove.planning.planner import PlannerSettings, continuous
+from comove.planning.planner import PlannerSettings, continuous, kept_margin
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import GENTLE, bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
@@ -54,6 +55,8 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
+from comove.planning.trees import shortened
+from comove.planning.world import World
 from comove.verification.verify import Report
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -79,6 +82,7 @@ class MethodSettings:
     rounds, draws, spread : rounds of bumps, bumps drawn in each, and their height [m]
     worth_another : relative gain below which another path counts as no better
     compared : samples between those at which a path is compared with motions
+    longer : length of a planar path, in terms of that of the best motion's, from which on it is not smoothed
     n_polished : cheapest fits of different plans that convex programmes improve
     hasty_idle : paths without gain that end the slower minimisation of the duration
     smoothing_share : share of the work of the budget before functions of the user are minimised
@@ -109,6 +113,7 @@ class MethodSettings:
     spread: float = 0.3
     worth_another: float = 0.01
     compared: int = 8
+    longer: float = 1.15
     n_polished: int = 3
     hasty_idle: int = 2
     smoothing_share: float = 0.4
@@ -167,9 +172,9 @@ class Comove(Method):
     n_restarts: int = 2
     n_unfit: float = 3
     n_polishings: int = 5
-    n_ways: int = 10
-    n_idle: int = 4
-    n_drawn: tuple[int, int] = (2, 3)
+    n_ways: int = 16
+    n_idle: int = 3
+    n_drawn: tuple[int, int] = (4, 2)
     n_met: int = 3
     polishing: Schedule = POLISHING
     before: Array | None = field(default=None, compare=False)
@@ -290,7 +295,7 @@ class Comove(Method):
         dear = search.kinematics.has_limits or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         failures = idle = met = smooth = 0
-        known = list[tuple[Array, float]]()
+        known, near = list[Known](), list[Plan]()
         space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
@@ -306,32 +311,40 @@ class Comove(Method):
                     hasty or (search.found.best is None and search.found.needed < np.inf)
                 ):
                     break  # seconds a way, and ways differ less in time than in jerk
-                begun = ahead.taken()
-                for k in range(n_drawn):
-                    search.check_time()
-                    search.journal.stage = "planning"
-                    nodes = self._nodes(failures if search.found.best is None else 0)
-                    found = begun[k] if begun else plans.targets(failures, nodes, search.rng)
-                    if found is None:
-                        failures += 1
+                is_near = bool(near)
+                if not near:
+                    begun = ahead.taken()
+                    for k in range(n_drawn):
+                        search.check_time()
+                        search.journal.stage = "planning"
+                        nodes = self._nodes(failures if search.found.best is None else 0)
+                        found = begun[k] if begun else plans.targets(failures, nodes, search.rng)
+                        if found is None:
+                            failures += 1
+                            break
+                        # Something to hand out at once; where the duration is open it would be a slow motion.
+                        if search.found.best is None and not search.paced:
+                            self._certified_fit(search, *found, mend=False)
+                        pool.append(found)
+                    if failures >= self.n_failures:
                         break
-                    # Something to hand out at once; where the duration is open it would be a slow motion.
-                    if search.found.best is None and not search.paced:
-                        self._certified_fit(search, *found, mend=False)
-                    pool.append(found)
-                if failures >= self.n_failures:
-                    break
-                if not pool:
-                    continue
-                targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
+                    if not pool:
+                        continue
+                    longest = np.inf if follows(search) else self._longest(known)
+                    pool, costs = _new_ways(space, pool, known, longest, self.settings.compared)
+                    met += (
+                        min(costs, default=np.inf)
+                        < (1 + self.settings.worth_another) * search.found.best_cost
+                    )
+                    if not pool:  # what they would become is known
+                        tried, idle = tried + 1, idle + 1
+                        continue
+                ways = near or pool
+                targets, goal = ways.pop(first_least([way_length(space, targets[0]) for targets, _ in ways]))
                 before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
-                like = _like(space, targets[0][:: self.settings.compared], known)
-                if like is not None:  # what it would become is known
-                    tried, idle = tried + 1, idle + 1
-                    met += like < (1 + self.settings.worth_another) * search.found.best_cost
-                    continue
                 # One that gains nothing may be the last one.
-                if not limited and tried + 1 < n_ways and idle + 1 < n_idle and met + 1 < n_met:
+                last = tried + 1 >= n_ways or idle + 1 >= n_idle or met + 1 >= n_met
+                if not (limited or last or ahead.are_begun):
                     ahead.begin(failures, self._nodes(failures if search.found.best is None else 0))
                 if tried == 0 and taught:
                     self._smooth_demonstration(search)
@@ -343,18 +356,23 @@ class Comove(Method):
                 # In space ways around an obstacle can be deformed into each other, and yet differ.
                 if done and space.blocks.n_dims == 2 and not dear and search.found.latest_motion is not None:
                     times = np.linspace(0.0, 1.0, N_STEPS)[:: self.settings.compared]
-                    known.append((search.found.latest_motion.at(times)[0], search.found.latest))
+                    known.append(
+                        Known(
+                            search.found.latest_motion.at(times)[0],
+                            search.found.latest,
+                            way_length(space, targets[0]),
+                        )
+                    )
                 if search.found.best is None and self._will_do(search):
                     return True
                 gained = search.found.best_cost < (1 - self.settings.worth_another) * before
                 gained |= search.found.needed < (1 - self.settings.worth_another) * needed
-                idle = 0 if gained or needed == search.found.best_cost == np.inf else idle + 1
-                met = (
-                    1
-                    if gained
-                    else met
-                    + (search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost)
-                )
+                if gained:
+                    idle, met = 0, 1
+                    near = [] if dear or hasty or follows(search) else self._near(search, plans, known)
+                elif not is_near:
+                    idle += not needed == search.found.best_cost == np.inf
+                    met += search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost
                 if search.found.best_cost < (1 + self.settings.worth_another) * least_worth(search):
                     break
         # Arms have other limits than the scene's.
@@ -365,6 +383,26 @@ class Comove(Method):
         return (
             search.found.best is not None or search.found.needed < np.inf
         )  # which no other way would shorten much
+
+    def _near(self, search: Search, plans: Plans, known: Sequence[Known]) -> list[Plan]:
+        """Return paths that vary the best motion at one narrow place."""
+        space, motion, settings = plans.space, search.found.best_motion, self.settings.planner
+        if motion is None or not can_turn(space):
+            return []
+        margin, times = search.scene.clearance, np.linspace(0.0, 1.0, N_STEPS)
+        paths = [
+            continuous(
+                space, shortened(World.of(space), path, margin, search.rng, settings.n_shortcuts, True)
+            )
+            for path in turned_otherwise(space, motion.at(times)[0], margin)
+        ]
+        ways = [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
+        return _new_ways(space, ways, known, self._longest(known), self.settings.compared)[0]
+
+    def _longest(self, known: Sequence[Known]) -> float:
+        """Return the largest length of paths that are smoothed [m]."""
+        best = min(known, key=lambda one: one.cost, default=None)
+        return np.inf if best is None else self.settings.longer * best.length
 
     def _smooth_demonstration(self, search: Search) -> bool:
         """Adapt the demonstration to the scene and smooth it; return whether it is verified."""
@@ -568,10 +606,34 @@ def _is_convex(search: Search) -> bool:
     return search.hard and not search.kinematics.has_limits and search.objective.coordinates.kind == "load"
 
 
-def _like(space: Space, way: Array, known: Sequence[tuple[Array, float]]) -> float | None:
-    """Return the cost of a known motion that a path deforms into."""
-    way = np.ascontiguousarray(way)
-    return next((cost for path, cost in known if deforms(space, way, path, 0.0)), None)
+class Known(NamedTuple):
+    """A motion that a path led to.
+
+    Attributes
+    ----------
+    way : array, shape (n_times, n_columns), the motion
+    cost : its value
+    length : length of the path [m]
+    """
+
+    way: Array
+    cost: float
+    length: float
+
+
+def _new_ways(
+    space: Space, pool: list[Plan], known: Sequence[Known], longest: float, compared: int
+) -> tuple[list[Plan], list[float]]:
+    """Return new paths shorter than `longest`, and the costs of known ones."""
+    new, met = list[Plan](), list[float]()
+    for targets, goal in pool:
+        way = np.ascontiguousarray(targets[0][::compared])
+        like = next((one.cost for one in known if deforms(space, way, one.way, 0.0)), None)
+        if like is not None:
+            met.append(like)
+        elif way_length(space, targets[0]) < longest:
+            new.append((targets, goal))
+    return new, met
 
 
 def _unsampled(scene: Scene) -> Scene:
@@ -588,7 +650,11 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
     margins = method.settings.margins[scene.n_dims - 2]
     start = lifted(scene, space, at_start, "start", 2 * max(margins))
     goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
-    grow = search.kinematics.planner(method.settings.planner)
+    settings = method.settings.planner
+    grow, turns = (
+        search.kinematics.planner(settings),
+        can_turn(space) and scene.n_dims == 3 and not search.kinematics.has_limits,
+    )
 
     def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
@@ -597,6 +663,8 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
         path = grow(space, start, goal, margin, rng, required=required, max_nodes=max_nodes)
         if path is None:
             return None
+        if turns:
+            path = _turned(space, path, kept_margin(space, start, goal, margin, required), rng, settings)
         path, _ = _between_supports(
             space, path, np.zeros(len(path)), (at_start, start, goal, at_goal), np.inf
         )
@@ -605,6 +673,16 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
         return targets_along(space, path, gentle=gentle), path[-1]
 
     return targets
+
+
+def _turned(
+    space: Space, path: Array, margin: float, rng: np.random.Generator, settings: PlannerSettings
+) -> Array:
+    """Return the shortest path through the same places, shortened."""
+    turned = shortest_turned(space, path, margin)
+    if turned is path:
+        return path
+    return continuous(space, shortened(World.of(space), turned, margin, rng, settings.n_shortcuts, True))
 
 
 def _between_supports(

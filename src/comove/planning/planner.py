@@ -83,7 +83,7 @@ class PlannerSettings:
     brief: int = 200
     brief_forest: int = 250
     sure: int = 3
-    n_shortcuts: int = 100
+    n_shortcuts: int = 400
     forest: ForestSettings = FOREST
 
 
@@ -113,10 +113,9 @@ def plan(
     -------
     array, shape (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign
     """
-    scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
+    nothing = np.empty((0, len(start)))
     world = World.of(space)
-    at_ends = min(clearance_of(space, start, scratch, 0.0), clearance_of(space, goal, scratch, 0.0))
-    margin = min(required + margin, 0.5 * (required + at_ends))
+    margin = kept_margin(space, start, goal, margin, required)
     for grows_forest, most in _turns(space, max_nodes, settings):
         if grows_forest:
             flat = flat_direction(space.blocks.point)
@@ -125,8 +124,15 @@ def plan(
             path = rrt_connect(world, start, goal, margin, rng, most, 20 * most, nothing)
         if len(path) > 0:
             space.found[int(grows_forest)] += 1
-            return continuous(space, shortened(world, path, margin, rng, settings.n_shortcuts))
+            return continuous(space, shortened(world, path, margin, rng, settings.n_shortcuts, True))
     return None
+
+
+def kept_margin(space: Space, start: Array, goal: Array, margin: float, required: float) -> float:
+    """Return the clearance that a path keeps: less than `required` and the margin if its ends have less [m]."""
+    scratch = np.empty((space.blocks.node.shape[0], 3))
+    at_ends = min(clearance_of(space, start, scratch, 0.0), clearance_of(space, goal, scratch, 0.0))
+    return min(required + margin, 0.5 * (required + at_ends))
 
 
 def _turns(space: Space, max_nodes: int, settings: PlannerSettings) -> list[tuple[bool, int]]:

@@ -111,7 +111,7 @@ def plan_in_time(
     path = rrt_connect(world, *ends, margin, rng, max_nodes, 40 * max_nodes, before)
     if len(path) == 0:
         return None
-    path = shortened(world, path, margin, rng, n_shortcuts)
+    path = shortened(world, path, margin, rng, n_shortcuts, False)
     return continuous(space, path[:, :-1]), path[:, -1].copy()
 
 

@@ -14,6 +14,7 @@ from comove.compiled import Question, copy_to, kernel
 from comove.planning.clock import worked
 
 BLOCKED, FREE, ARRIVED = 0, 1, 2
+WORTHWHILE = 1e-3  # share of a path's length that a shortcut saves at least
 WHOLE = np.inf  # steps of an extension that goes all the way
 
 
@@ -149,8 +150,11 @@ def _joined(trees, parents, mine, theirs):
 
 
 @kernel(nogil=True)
-def shortened(world, path, margin, rng, n_trials):
-    """Replace random pieces of a path by free straight edges; return it."""
+def shortened(world, path, margin, rng, n_trials, near):
+    """Replace random pieces of a path by free straight edges; return it.
+
+    If `near`, most of them are short, as most of these are free, and each saves a thousandth of the path or more.
+    """
     count, width = path.shape[0], path.shape[1]
     work, lengths = np.empty((count + 2 * n_trials + 2, width)), np.empty(count + 2 * n_trials + 2)
     for row in range(count):
@@ -164,6 +168,9 @@ def shortened(world, path, margin, rng, n_trials):
             lengths[i] = length(world, work[i], work[i + 1])
             total += lengths[i]
         u, v = rng.random() * total, rng.random() * total
+        if near:
+            v = abs(u + (2.0 * v / total - 1.0) ** 3 * total)
+            v = total - abs(total - v)
         u, v = min(u, v), max(u, v)
         i, j, at_i, at_j = 0, 0, 0.0, 0.0
         while i < count - 2 and at_i + lengths[i] < u:
@@ -176,7 +183,11 @@ def shortened(world, path, margin, rng, n_trials):
             continue
         between(world, work[i], work[i + 1], (u - at_i) / max(lengths[i], 1e-12), p)
         between(world, work[j], work[j + 1], (v - at_j) / max(lengths[j], 1e-12), q)
-        if not (shortens(world, p, q, v - u) and exists(world, work[i], p) and exists(world, work[j], q)):
+        if not (
+            shortens(world, p, q, v - u - WORTHWHILE * total)
+            and exists(world, work[i], p)
+            and exists(world, work[j], q)
+        ):
             continue
         if extend(world, p, q, WHOLE, margin, end) != ARRIVED:
             continue

@@ -299,7 +299,7 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     path = rrt_connect.py_func(room, start, goal, 0.0, rng, how.most_nodes, 20 * how.most_nodes, nothing)
     if len(path) == 0:
         return None
-    path = shortened.py_func(room, path, 0.0, rng, how.n_shortcuts)
+    path = shortened.py_func(room, path, 0.0, rng, how.n_shortcuts, False)
     return path[_corners(path)]
 
 

@@ -155,7 +155,7 @@ def _planned(
             return nothing
         path = dense(world, path)
         if follow_path(world, path):
-            return shortened(world, path, margin, rng, how.n_shortcuts)
+            return shortened(world, path, margin, rng, how.n_shortcuts, False)
     return nothing
 
 
