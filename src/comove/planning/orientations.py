@@ -67,9 +67,21 @@ def _turned(space: Space, own: Array) -> Places:
     if kind in (ANGLE, DIRECTION):
         others = [own[:, turn:] + np.pi if kind == ANGLE else -own[:, turn:]]
     else:
-        _, axes = np.linalg.eigh(np.cov(space.blocks.point.T, bias=True))
-        others = [quaternion_product(own[:, turn:], np.append(0.0, axis)) for axis in axes.T]
+        others = [
+            quaternion_product(own[:, turn:], np.append(0.0, axis))
+            for axis in principal_axes(space.blocks.point)
+        ]
     return np.stack([own, *(np.hstack([own[:, :turn], other]) for other in others)], axis=1)
+
+
+def principal_axes(points: Array) -> Array:
+    """Return the principal axes of points, (n_points, 3); array, shape (3, 3), an axis a row.
+
+    Second moments are rounded, so that axes of equal moments are the frame's own and not up to rounding.
+    """
+    centered = points - points.mean(axis=0)
+    moments = (centered[:, :, None] * centered[:, None, :]).sum(axis=0)
+    return np.linalg.eigh(np.round(moments / max(np.trace(moments), 1e-300), 9))[1].T
 
 
 def narrow_places(space: Space, places: Places) -> list[int]:
