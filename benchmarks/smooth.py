@@ -70,6 +70,7 @@ def main() -> None:
             for i in range(count // 2)
         ]
         for kind, count in (("planar", asked.planar), ("spatial", asked.spatial))
+        if count > 1
         for name in ("easy", "hard")
     }
     if asked.parts or asked.cores:

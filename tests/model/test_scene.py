@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
-from comove.model.scene import GEOMETRY, Scene, of_geometry
+from comove.model.scene import GEOMETRY, N_DERIVED, Scene, of_geometry
 from tests.cases import examples
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.15, 0.0]])
@@ -471,3 +471,17 @@ def test_a_copy_in_another_duration_shares_what_was_derived_of_the_geometry():
     assert len(calls) == 1
     np.testing.assert_array_equal(counted(scene, 3.0), 3.0 * scene.nodes_at("start"))
     assert counted(replace(scene), 2.0) is not counted(scene, 2.0)
+
+
+def test_what_is_derived_of_a_scene_is_kept_for_the_latest_arguments():
+    """Robots among them are not kept alive, and arguments that are named do not go unnoticed."""
+
+    @of_geometry
+    def same(scene, one):
+        return one
+
+    scene = Scene.from_dict(bar_scene())
+    assert [same(scene, k) for k in range(500)] == list(range(500))
+    assert len(scene.derived) <= N_DERIVED
+    with pytest.raises(TypeError):
+        same(scene, one=3)

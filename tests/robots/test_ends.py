@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from comove.robots.ends import DIGITS, _nearest_first, joined
-from comove.robots.search.chains import chains_of, turned_towards
+from comove.robots.ends import DIGITS, EndSettings, _nearest_first, joined, of_robot, patiently_solved
+from comove.robots.search.chains import chains_of, place_arm, turned_towards
+from comove.robots.search.following import MET
 from tests.robots.small_robots import robot
 
 
@@ -48,3 +49,25 @@ def test_solutions_are_sorted_by_their_distance_and_differ():
             expected.append(one)
     np.testing.assert_array_equal(kept, expected)
     assert 15 < len(kept) < len(joints)
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        [-3.0692, 2.128343, 2.598, 0.145638, -1.952222, 1.594430, -0.402932],
+        [2.6504, 2.2315, 2.05227, 0.902076, 1.816554, 1.594430, 1.594430],
+    ],
+    ids=str,
+)
+def test_poses_near_the_limits_of_many_joints_are_reached(joints):
+    """They have no closed form on a G1, and few joints lead there."""
+    machine = robot("g1")
+    chains, *_ = of_robot(machine, tuple(machine.arms))
+    posture = np.concatenate([arm.home for arm in machine.arms]).astype(float)
+    q = np.concatenate([joints, posture[len(joints) :]])
+    turns, places = np.empty((len(joints) + 1, 3, 3)), np.empty((len(joints) + 1, 3))
+    place_arm(chains, 0, q, turns, places)
+    _, missing = patiently_solved(
+        chains, 0, turns[-1].copy(), places[-1].copy(), posture, EndSettings().n_seeds
+    )
+    assert missing.min() <= MET

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +76,10 @@ if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
 
 
-_P = ParamSpec("_P")
 _T = TypeVar("_T")
+_Ts = TypeVarTuple("_Ts")
+N_DERIVED = 32
+"""Results of functions of a scene's geometry that are kept."""
 TURNS = tuple(
     np.deg2rad([0.0, *(sign * angle for angle in range(5, 180, 5) for sign in (1, -1)), 180.0]).tolist()
 )
@@ -423,7 +425,7 @@ class Scene:
 
     @cached_property
     def derived(self) -> dict[tuple[Any, ...], Any]:
-        """Return the results of functions `of_geometry` by function and arguments."""
+        """Return the latest results of functions `of_geometry` by function and arguments."""
         return {}
 
     @property
@@ -859,18 +861,25 @@ class Scene:
         return tuple(found)
 
 
-def of_geometry(function: Callable[Concatenate[Scene, _P], _T]) -> Callable[Concatenate[Scene, _P], _T]:
+def of_geometry(function: Callable[[Scene, *_Ts], _T]) -> Callable[[Scene, *_Ts], _T]:
     """Decorate a function of a scene without its duration and limits.
 
     Its results are kept for such copies of the scene, and not to be changed. Further arguments are hashable.
     """
 
     @wraps(function)
-    def kept(scene: Scene, *args: _P.args, **named: _P.kwargs) -> _T:
-        key = function, *args
-        if key not in scene.derived:
-            scene.derived[key] = function(scene, *args, **named)
-        return scene.derived[key]
+    def kept(scene: Scene, *args: *_Ts) -> _T:
+        key, known = (function, *args), scene.derived
+        try:
+            return known[key]
+        except KeyError:
+            found = function(scene, *args)
+        for one in list(known)[
+            : len(known) + 1 - N_DERIVED
+        ]:  # the oldest: robots that are replaced do not stay
+            known.pop(one, None)
+        known[key] = found
+        return found
 
     return kept
 

@@ -24,7 +24,15 @@ from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import Chains, chains_of, turned_joint, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
-from comove.robots.search.following import MET, Arms, follow_one, solutions
+from comove.robots.search.following import (
+    MET,
+    N_PATIENT,
+    PERSISTENT,
+    SETTLING,
+    Arms,
+    follow_one,
+    solutions,
+)
 from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearances_at, links_of
 from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
@@ -262,6 +270,10 @@ class EndJoints:
         are_slow = None in of_robot(self.robot, self.holders)[3]  # without a closed form
         solved = (THREADS.map if are_slow else map)(self._solutions, *each)
         for i, (joints, missing) in enumerate(solved):
+            if missing.min() > MET and may_reach(self.arms.ranges, i, rotations[i], nodes[i]):
+                joints, missing = patiently_solved(
+                    chains, i, rotations[i], nodes[i], posture, self.settings.n_seeds
+                )
             if missing.min() > MET:
                 joints = joints[missing.argmin(), self.part(i)]
                 raise self._out_of_reach(self.holders[i], end, joints, rotations[i], nodes[i])
@@ -499,13 +511,26 @@ def solved_for(
     if (form := forms[i]) is not None:
         seeds = closed_seeds(form, chains, i, rotation, point, posture, n_angles)
         if len(seeds):
-            joints, missing = solutions(chains, i, rotation, point, posture, seeds)
+            joints, missing = solutions(chains, i, rotation, point, posture, seeds, SETTLING, N_PATIENT)
             if missing.min() <= MET:
                 return joints, missing
         n_seeds //= FEWER
+    seeds = _seeds(chains, posture, n_seeds)
+    return solutions(chains, i, rotation, point, posture, seeds, SETTLING, N_PATIENT)
+
+
+def patiently_solved(
+    chains: Chains, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int
+) -> tuple[Array, Array]:
+    """Solve an end effector's pose from all seeds to the end, before it is said to be out of reach."""
+    seeds = _seeds(chains, posture, n_seeds)
+    return solutions(chains, i, rotation, point, posture, seeds, PERSISTENT, len(seeds))
+
+
+def _seeds(chains: Chains, posture: Array, n_seeds: int) -> Array:
+    """Return a posture and random joints; array, shape (1 + n_seeds, n_joints)."""
     rng = np.random.default_rng(0)
-    draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
-    return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
+    return np.concatenate([[posture], rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))])
 
 
 def _combined(branches: Iterable[Array]) -> Array:

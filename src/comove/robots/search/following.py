@@ -31,9 +31,11 @@ from comove.robots.search.ranges import WristRanges
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=0.02, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
-SETTLING = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30, stalled=0.85)
+PERSISTENT = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30)
 """Iteration from random joints; what has not come to rest by then hardly ever does."""
-PATIENT = SETTLING._replace(gain=0.2, most=70, stalled=np.inf)
+SETTLING = PERSISTENT._replace(stalled=0.85)
+"""The same, given up where it comes no nearer."""
+PATIENT = PERSISTENT._replace(gain=0.2, most=70)
 """Iteration that goes on where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
 N_PATIENT = 8  # nearest joints from which it goes on
 
@@ -74,15 +76,28 @@ class Strain(NamedTuple):
 
 @kernel(nogil=True)
 def solutions(
-    chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
+    chains: Chains,
+    arm: int,
+    rotation: Array,
+    point: Array,
+    posture: Array,
+    seeds: Array,
+    first: Iteration,
+    n_patient: int,
 ) -> tuple[Array, Array]:
-    """Solve an arm's joints for a pose from seeds; return joints and residuals. `seeds` are overwritten."""
+    """Solve an arm's joints for a pose from seeds; return joints and residuals. `seeds` are overwritten.
+
+    Parameters
+    ----------
+    first : iteration from each seed
+    n_patient : nearest joints from which a patient one goes on where none has the pose
+    """
     missing, least = np.empty(seeds.shape[0]), np.inf
     for k in range(seeds.shape[0]):
-        missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
+        missing[k] = reach_pose(chains, arm, rotation, point, posture, first, seeds[k])
         least = min(least, missing[k])
-    if least > SETTLING.tolerance:
-        for k in np.argsort(missing)[:N_PATIENT]:
+    if least > first.tolerance:
+        for k in np.argsort(missing)[:n_patient]:
             missing[k] = reach_pose(chains, arm, rotation, point, posture, PATIENT, seeds[k])
     return seeds, missing
 
@@ -173,7 +188,7 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
     return missing, rates, jolt, penalty, clearance, contact
 
 
-@kernel
+@kernel(nogil=True)
 def demands(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
     """Follow one motion; return the fields of `Strain` that need no links, without the last two, and the joints.
 
@@ -267,7 +282,7 @@ def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array
             missing[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture, SEARCHING, q[t])
 
 
-@kernel
+@kernel(nogil=True)
 def contact_along(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     """Compute the links' least clearance [m], and the penalty of missing clearance. It is capped at the desired one.
 

@@ -268,14 +268,14 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
     data = model.createData()
     pin.forwardKinematics(model, data, robot.home)
     joints, holds, ends, radii = list[int](), list[bool](), list[list[Array]](), list[float]()
-    of_geometry: list[range] = []
+    numbers_of: list[range] = []
     known: dict[object, list[LinkCapsule]] = {}
     for item in collision.geometryObjects:
         column = model.idx_vs[item.parentJoint] if item.parentJoint else -1
         at = np.flatnonzero(columns == column)
         placement = item.placement if len(at) else data.oMi[item.parentJoint] * item.placement
         capsules = _known(known, item.geometry, len(at) > 0)
-        of_geometry.append(range(len(radii), len(radii) + len(capsules)))
+        numbers_of.append(range(len(radii), len(radii) + len(capsules)))
         joints += [int(at[0]) if len(at) else STATIC] * len(capsules)
         holds += [int(column) in lasts] * len(capsules)
         for start, end, radius in capsules:
@@ -283,13 +283,13 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
             radii.append(radius)
     joint, placed = np.array(joints, dtype=np.int64), np.array(ends, dtype=float).reshape(-1, 2, 3)
     arm_of = np.where(joint == STATIC, -1, of_arm[joint])
-    bodies = np.repeat(np.arange(len(of_geometry)), [len(numbers) for numbers in of_geometry])
+    bodies = np.repeat(np.arange(len(numbers_of)), [len(numbers) for numbers in numbers_of])
     _, group = np.unique(np.where(joint == STATIC, len(columns) + bodies, joint), return_inverse=True)
     pairs = [
         (i, j)
         for pair in collision.collisionPairs
-        for i in of_geometry[pair.first]
-        for j in of_geometry[pair.second]
+        for i in numbers_of[pair.first]
+        for j in numbers_of[pair.second]
         if joint[i] != STATIC or joint[j] != STATIC
     ]
     pairs.sort(key=lambda pair: (group[pair[0]], group[pair[1]]))
