@@ -340,7 +340,7 @@ class ControlLoop:
         self.replanner.advance(self, pace)
 
     def _paced(self, reference: Setpoint, lag: float) -> tuple[float, JointState]:
-        """Return the reference's time scaling, 0 to 1, and the joints' state for the safety filter."""
+        """Return the reference's time scaling, 0 to 1, and the joints' state."""
         return 1.0, NO_JOINTS
 
     def _move(self, rates: Array) -> None:

@@ -365,7 +365,7 @@ def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Entries(NamedTuple):
-    """The numbers of entries that the JSON schema of a list tells editors."""
+    """Least and most entries of a list, for the JSON schema."""
 
     least: int
     most: int

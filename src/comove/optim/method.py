@@ -212,7 +212,12 @@ class Patience:
     valueless: int = 0
 
     def is_spent(self, known: bool) -> bool:
-        """Return whether too many generations in a row had no value, the last one too unless it is known."""
+        """Return whether too many generations in a row had no value.
+
+        Parameters
+        ----------
+        known : whether the last one had one
+        """
         self.valueless = 0 if known else self.valueless + 1
         return self.valueless >= VALUELESS
 

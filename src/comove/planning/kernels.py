@@ -15,6 +15,7 @@ import numpy as np
 
 from comove.dmp.demonstrations.demonstration import Demonstration
 from comove.dmp.dmp import DMP
+from comove.model.blocks import QUATERNION, turned
 from comove.model.coordinates import load_coordinates
 from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space
@@ -85,6 +86,8 @@ def smooth_in(n_dims: int, meshes: bool = False) -> None:
     way = boundary[0] + np.linspace(0.0, 1.0, N_STEPS)[:, None] * (boundary[2] - boundary[0])
     smooth_way(search, way, boundary)
     search.objective.evaluate(np.ascontiguousarray(way.T)[None])
+    if n_dims == 3:  # the small scene's payload stays level
+        turned(QUATERNION, np.ones((3, 1, 4)), np.zeros((1, 3)))
 
 
 def _search_by_forest(search: Search) -> None:

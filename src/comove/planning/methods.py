@@ -22,6 +22,7 @@ from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import (
     Space,
     SpaceSettings,
+    clearance_of,
     configuration_space,
     deforms,
     lifted,
@@ -651,10 +652,10 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
     start = lifted(scene, space, at_start, "start", 2 * max(margins))
     goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
     settings = method.settings.planner
-    grow, turns = (
-        search.kinematics.planner(settings),
-        can_turn(space) and scene.n_dims == 3 and not search.kinematics.has_limits,
-    )
+    grow = search.kinematics.planner(settings)
+    turns = can_turn(space) and scene.n_dims == 3 and not search.kinematics.has_limits
+    scratch = np.empty((space.blocks.node.shape[0], 3))
+    at_ends = min(clearance_of(space, end, scratch, 0.0) for end in (start, goal)) if turns else 0.0
 
     def targets(failures: int, max_nodes: int, rng: np.random.Generator) -> Plan | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
@@ -664,7 +665,7 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
         if path is None:
             return None
         if turns:
-            path = _turned(space, path, kept_margin(space, start, goal, margin, required), rng, settings)
+            path = _turned(space, path, kept_margin(at_ends, margin, required), rng, settings)
         path, _ = _between_supports(
             space, path, np.zeros(len(path)), (at_start, start, goal, at_goal), np.inf
         )

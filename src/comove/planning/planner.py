@@ -113,9 +113,10 @@ def plan(
     -------
     array, shape (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign
     """
-    nothing = np.empty((0, len(start)))
+    scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
     world = World.of(space)
-    margin = kept_margin(space, start, goal, margin, required)
+    at_ends = min(clearance_of(space, start, scratch, 0.0), clearance_of(space, goal, scratch, 0.0))
+    margin = kept_margin(at_ends, margin, required)
     for grows_forest, most in _turns(space, max_nodes, settings):
         if grows_forest:
             flat = flat_direction(space.blocks.point)
@@ -128,10 +129,8 @@ def plan(
     return None
 
 
-def kept_margin(space: Space, start: Array, goal: Array, margin: float, required: float) -> float:
-    """Return the clearance that a path keeps: less than `required` and the margin if its ends have less [m]."""
-    scratch = np.empty((space.blocks.node.shape[0], 3))
-    at_ends = min(clearance_of(space, start, scratch, 0.0), clearance_of(space, goal, scratch, 0.0))
+def kept_margin(at_ends: float, margin: float, required: float) -> float:
+    """Return the clearance that a path keeps [m]: less where its ends have less."""
     return min(required + margin, 0.5 * (required + at_ends))
 
 

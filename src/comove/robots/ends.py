@@ -522,7 +522,10 @@ def solved_for(
 def patiently_solved(
     chains: Chains, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int
 ) -> tuple[Array, Array]:
-    """Solve an end effector's pose from all seeds to the end, before it is said to be out of reach."""
+    """Solve a pose from all seeds to the end.
+
+    This is tried before a pose is said to be out of reach. Arguments and results are those of `EndJoints._solutions`.
+    """
     seeds = _seeds(chains, posture, n_seeds)
     return solutions(chains, i, rotation, point, posture, seeds, PERSISTENT, len(seeds))
 

@@ -12,7 +12,9 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
 from comove.robots.search.following import (
     MET,
+    N_PATIENT,
     SEARCHING,
+    SETTLING,
     follow,
     follow_one,
     hand_rotation,
@@ -41,7 +43,14 @@ def test_solutions_hold_the_hand_and_keep_the_limits(name):
     seeds = rng.uniform(chains.lower, chains.upper, (20, len(chains.lower)))
     for i, arm in enumerate(carrying.holders):
         joints, missing = solutions(
-            chains, i, rotations[i], nodes[i], carrying.arms.around.posture, seeds.copy()
+            chains,
+            i,
+            rotations[i],
+            nodes[i],
+            carrying.arms.around.posture,
+            seeds.copy(),
+            SETTLING,
+            N_PATIENT,
         )
         assert (missing < 1e-8).any()
         assert (joints >= chains.lower).all()

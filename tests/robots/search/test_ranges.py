@@ -6,7 +6,7 @@ import pytest
 
 from comove.robots import Robot
 from comove.robots.search.chains import chains_of
-from comove.robots.search.following import solutions
+from comove.robots.search.following import PERSISTENT, solutions
 from comove.robots.search.ranges import may_reach, ranges_of
 from tests.robots.small_robots import BUNDLED, RANDOM, columns, robot, urdf, written
 
@@ -39,7 +39,7 @@ def test_no_joints_are_found_for_a_pose_out_of_range_and_many_poses_are(name):
             continue
         out += 1
         seeds = rng.uniform(chains.lower, chains.upper, (10, len(middle)))
-        assert solutions(chains, 0, rotation, point, middle, seeds)[1].min() > 1e-3
+        assert solutions(chains, 0, rotation, point, middle, seeds, PERSISTENT, len(seeds))[1].min() > 1e-3
     assert out >= 10
 
 

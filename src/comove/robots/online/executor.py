@@ -151,11 +151,11 @@ class JointExecutor(ControlLoop):
         carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         observer = Functions.of_motions(scene) if observer is None else observer
         super().__init__(scene, observer, settings)
-        self.log.note_plan(planned)
-        self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
         rows = ArmRows(scene, carrier.arms, carrier.grasp, settings.period, settings.joints)
         self.filter = SafetyFilter(scene, settings.period, settings.filter, rows)
         self.held = HoldingArms(carrier, rows, self.plan.joints.position[0])
+        self.log.note_plan(planned)
+        self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
         self._follow_plan()
         stands = ~scene.moving[scene.owners]
         finder = CourseFinder(
@@ -332,7 +332,7 @@ class JointExecutor(ControlLoop):
         return float(apart.max())
 
     def _paced(self, reference: Setpoint, lag: float) -> tuple[float, JointState]:
-        """Return the time scaling, 0 where the reference waits, and rates that lead joints to it."""
+        """Return the reference's time scaling, and rates that lead joints to it."""
         how, behind = self.settings, self.distance_from(reference.here)
         left = min(1.0 - behind / how.behind, 2.0 * (1.0 - lag / how.lag))
         pace = min(max(left, 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""Commanded joints of arms that hold a payload, one control period after the other."""
+"""Commanded joints of arms that hold a payload, step by step."""
 
 from __future__ import annotations
 
