@@ -24,6 +24,7 @@ from tests.cases import examples
 from tests.robots.small_robots import BUNDLED, RANDOM, columns, robot
 
 EXACT = Iteration(gain=0.0, keep=0.0, tolerance=1e-9, steady=1e-6, most=100)
+NEAR = 0.05  # rad or m
 ALL = (*BUNDLED, *RANDOM, "gantry")
 SHARES = arrays(float, 16 + 8, elements=st.floats(0, 1))  # of joints' ranges; no robot has more joints
 SIGNED = arrays(float, 16 + 8, elements=st.floats(-1, 1))
@@ -161,11 +162,13 @@ def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     machine = robot(name)
     chains, arm = chains_of(machine, machine.arms), arm % len(machine.arms)
     goal = within(chains, goal)
-    q = np.clip(goal + 0.05 * away[: len(goal)], chains.lower, chains.upper)
+    q = np.clip(goal + NEAR * away[: len(goal)], chains.lower, chains.upper)
     own = slice(chains.first[arm], chains.first[arm + 1])
     for joints in (goal, q):
-        held = np.minimum(joints - chains.lower, chains.upper - joints)[own] < 1e-5
-        assume(held.sum() < 4)  # in a corner of the limits, joints that are held may leave too few to get out
+        held = np.minimum(joints - chains.lower, chains.upper - joints)[own] < NEAR
+        assume(
+            held.sum() < 4
+        )  # near a corner of the limits, joints that are held may leave too few to get out
     pose = grasp(machine, arm, goal)
     left = reach_pose(chains, arm, pose[:3, :3].copy(), pose[:3, 3].copy(), q.copy(), EXACT, q)
     assert left < 1e-9
