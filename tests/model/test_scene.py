@@ -475,13 +475,17 @@ def test_a_copy_in_another_duration_shares_what_was_derived_of_the_geometry():
 
 def test_what_is_derived_of_a_scene_is_kept_for_the_latest_arguments():
     """Robots among them are not kept alive, and arguments that are named do not go unnoticed."""
+    calls = list[int]()
 
     @of_geometry
     def same(scene, one):
+        calls.append(one)
         return one
 
     scene = Scene.from_dict(bar_scene())
     assert [same(scene, k) for k in range(500)] == list(range(500))
-    assert len(scene.derived) <= N_DERIVED
+    assert len(scene.derived) == N_DERIVED
+    assert [same(scene, k) for k in range(500 - N_DERIVED, 500)] == calls[-N_DERIVED:]
+    assert len(calls) == 500
     with pytest.raises(TypeError):
         same(scene, one=3)

@@ -874,9 +874,7 @@ def of_geometry(function: Callable[[Scene, *_Ts], _T]) -> Callable[[Scene, *_Ts]
             return known[key]
         except KeyError:
             found = function(scene, *args)
-        for one in list(known)[
-            : len(known) + 1 - N_DERIVED
-        ]:  # the oldest: robots that are replaced do not stay
+        for one in list(known)[: max(0, len(known) + 1 - N_DERIVED)]:  # the oldest, so that robots are freed
             known.pop(one, None)
         known[key] = found
         return found

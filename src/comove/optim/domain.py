@@ -27,7 +27,7 @@ class Bounds:
 
     @classmethod
     def checked(cls, bounds: tuple[object, object] | None, n: int) -> Bounds:
-        """Return the box of a pair of bounds, numbers or arrays; raise `OptionError` if they are none."""
+        """Return those of a pair of bounds, numbers or arrays; raise `OptionError` if they are none."""
         try:
             ends = (np.asarray(bound, dtype=np.float64) for bound in bounds or (-np.inf, np.inf))
             lower, upper = (np.broadcast_to(bound, (n,)).copy() for bound in ends)

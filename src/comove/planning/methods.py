@@ -296,7 +296,7 @@ class Comove(Method):
         dear = search.kinematics.has_limits or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         failures = idle = met = smooth = 0
-        known, near = list[Known](), list[Plan]()
+        known, near = list[TriedPath](), list[Plan]()
         space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         n_ways, n_idle, n_met = (search.level.patience * n for n in (self.n_ways, self.n_idle, self.n_met))
@@ -358,7 +358,7 @@ class Comove(Method):
                 if done and space.blocks.n_dims == 2 and not dear and search.found.latest_motion is not None:
                     times = np.linspace(0.0, 1.0, N_STEPS)[:: self.settings.compared]
                     known.append(
-                        Known(
+                        TriedPath(
                             search.found.latest_motion.at(times)[0],
                             search.found.latest,
                             way_length(space, targets[0]),
@@ -385,7 +385,7 @@ class Comove(Method):
             search.found.best is not None or search.found.needed < np.inf
         )  # which no other way would shorten much
 
-    def _near(self, search: Search, plans: Plans, known: Sequence[Known]) -> list[Plan]:
+    def _near(self, search: Search, plans: Plans, known: Sequence[TriedPath]) -> list[Plan]:
         """Return paths that vary the best motion at one narrow place."""
         space, motion, settings = plans.space, search.found.best_motion, self.settings.planner
         if motion is None or not can_turn(space):
@@ -400,7 +400,7 @@ class Comove(Method):
         ways = [(targets_along(space, path, gentle=True), path[-1]) for path in paths]
         return _new_ways(space, ways, known, self._longest(known), self.settings.compared)[0]
 
-    def _longest(self, known: Sequence[Known]) -> float:
+    def _longest(self, known: Sequence[TriedPath]) -> float:
         """Return the largest length of paths that are smoothed [m]."""
         best = min(known, key=lambda one: one.cost, default=None)
         return np.inf if best is None else self.settings.longer * best.length
@@ -607,7 +607,7 @@ def _is_convex(search: Search) -> bool:
     return search.hard and not search.kinematics.has_limits and search.objective.coordinates.kind == "load"
 
 
-class Known(NamedTuple):
+class TriedPath(NamedTuple):
     """A motion that a path led to.
 
     Attributes
@@ -623,7 +623,7 @@ class Known(NamedTuple):
 
 
 def _new_ways(
-    space: Space, pool: list[Plan], known: Sequence[Known], longest: float, compared: int
+    space: Space, pool: list[Plan], known: Sequence[TriedPath], longest: float, compared: int
 ) -> tuple[list[Plan], list[float]]:
     """Return new paths shorter than `longest`, and the costs of known ones."""
     new, met = list[Plan](), list[float]()

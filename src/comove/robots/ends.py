@@ -22,7 +22,7 @@ from comove.model.scene import Scene
 from comove.processes import n_processors
 from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
-from comove.robots.search.chains import Chains, chains_of, turned_joint, turned_towards
+from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import (
     MET,
@@ -172,7 +172,7 @@ class EndJoints:
         both = [_combined(found) for found in (starts, goals)]
         tight = [own.tightness(q, nodes) for q, (own, nodes) in zip(both, at, strict=True)]
         row, column, last, differ = joined(
-            self.arms.chains, *both, np.ascontiguousarray(self.present), self.settings.last
+            self.arms.chains, both[0], both[1], self.present, self.settings.last
         )
         tightest, others = np.maximum(tight[0][row], tight[1][column]), np.zeros(len(row), dtype=bool)
         if self.grasp.keypoints:
@@ -576,7 +576,6 @@ def _nearest_first(joints: Array, posture: Array, apart: float) -> Array:
     return ordered[_differ(ordered, apart)]
 
 
-@kernel
 def joined(
     chains: Chains, starts: Array, goals: Array, present: Array, last: float
 ) -> tuple[Integers, Integers, Array, Array]:
@@ -594,12 +593,21 @@ def joined(
     joints : array, shape (n, n_joints), joints at the goal
     differ : array, shape (n,), largest rotations to start and goal, added, those of last joints weighted [rad]
     """
+    weight = np.ones(len(present))
+    weight[chains.first[1:] - 1] = last
+    turned = turned_towards(chains, starts[:, None], goals)
+    return _distinct_pairs(starts, goals, turned, np.ascontiguousarray(present), weight)
+
+
+@kernel
+def _distinct_pairs(
+    starts: Array, goals: Array, turned: Array, present: Array, weight: Array
+) -> tuple[Integers, Integers, Array, Array]:
+    """Return what `joined` does; `turned` is (n_starts, n_goals, n_joints), `weight` (n_joints,)."""
     n_starts, n_goals, n_joints = starts.shape[0], goals.shape[0], starts.shape[1]
     row = np.empty(2 * n_starts * n_goals, dtype=np.int64)
     column, differ, joints = np.empty_like(row), np.empty(len(row)), np.empty((len(row), n_joints))
-    weight, rounded, n = np.ones(n_joints), np.empty((len(row), n_joints)), 0
-    for arm in range(chains.first.shape[0] - 1):
-        weight[chains.first[arm + 1] - 1] = last
+    rounded, n = np.empty((len(row), n_joints)), 0
     for i in range(n_starts):
         begun, before = n, 0.0
         for j in range(n_joints):
@@ -608,9 +616,7 @@ def joined(
             for as_it_is in range(2):
                 after = 0.0
                 for j in range(n_joints):
-                    goal = goals[k, j]
-                    if as_it_is == 0:
-                        goal = turned_joint(chains, j, starts[i, j], goal)
+                    goal = goals[k, j] if as_it_is else turned[i, k, j]
                     joints[n, j], rounded[n, j] = goal, _rounded(goal)
                     after = max(after, weight[j] * abs(starts[i, j] - goal))
                 is_new = True

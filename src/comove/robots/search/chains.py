@@ -136,17 +136,6 @@ def turned_towards(chains: Chains, start: Array, goal: Array, part: slice = slic
     return goal + np.where(turns == 0.0, 0.0, turns * 2.0 * np.pi)
 
 
-@kernel
-def turned_joint(chains: Chains, j: int, start: float, goal: float) -> float:
-    """Shift joint j by whole turns, as `turned_towards` does."""
-    if chains.slides[j]:
-        return goal
-    turn = 2.0 * np.pi
-    fewest, most = np.ceil((chains.lower[j] - goal) / turn), np.floor((chains.upper[j] - goal) / turn)
-    turns = min(max(np.rint((start - goal) / turn), fewest), most)
-    return goal if turns == 0.0 else goal + turns * turn
-
-
 def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
     """Build the arrays of a robot's arms in the given order."""
     model = robot.model
