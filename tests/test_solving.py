@@ -1,7 +1,9 @@
 """One call with a robot and without: `comove.solve`, `verify`, `Executor`; and the names that there are."""
 
+import gc
 import re
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import comove
+from comove._doors import uncollected
 from comove.control import Executor as FreeExecutor
 from comove.errors import OptionError
 from comove.model import CoordinatedMotion
@@ -245,3 +248,16 @@ def test_the_former_name_of_a_robots_call_says_the_new_one():
     with pytest.warns(DeprecationWarning, match=r"comove\.solve\(scene, robot=robot\)"):
         found = carry(gantry_scene(), robot("gantry"), budget=WORK)
     assert isinstance(found, Solution) and found.joints.verified
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_loading_names_leaves_the_garbage_collector_as_it_was(enabled):
+    was = gc.isenabled()
+    (gc.enable if enabled else gc.disable)()
+    try:
+        with suppress(RuntimeError), uncollected():
+            assert not gc.isenabled()
+            raise RuntimeError
+        assert gc.isenabled() is enabled
+    finally:
+        (gc.enable if was else gc.disable)()

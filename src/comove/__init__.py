@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import Any
 from warnings import warn
 
+from comove._doors import uncollected
 from comove._version import __version__
 
 # What the package offers and where it lives; loaded on first use, so that importing comove costs nothing.
@@ -54,7 +55,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'comove' has no attribute '{name}'")
     if name in _FORMER:
         warn(f"comove.{name} is now comove.{place}.{name}", DeprecationWarning, stacklevel=2)
-    return getattr(import_module(f"comove.{place}"), name)
+    with uncollected():
+        return getattr(import_module(f"comove.{place}"), name)
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import gc
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -22,6 +24,22 @@ def lazily(
     def get(name: str) -> Any:
         if name not in home:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
-        return getattr(import_module(f"comove.{home[name]}"), name)
+        with uncollected():
+            return getattr(import_module(f"comove.{home[name]}"), name)
 
     return [*home], get, lambda: sorted(home)
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Disable garbage collection in this context.
+
+    Modules and compilers make many objects that stay, and each collection would visit them all.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

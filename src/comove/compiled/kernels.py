@@ -10,11 +10,9 @@ arrays, which every call copies. A kernel called from Python gets one entry, non
 from __future__ import annotations
 
 import copy
-import gc
 import hashlib
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
@@ -33,6 +31,7 @@ from numba.core.runtime import rtsys
 from numba.core.typed_passes import AnnotateTypes, InlineOverloads
 from numba.core.untyped_passes import InlineClosureLikes
 
+from comove._doors import uncollected
 from comove.compiled.cache import LOADING, KernelCache, text_of
 from comove.compiled.libraries import EntryLibrary, kernel_libraries
 from comove.compiled.shared import shared
@@ -170,7 +169,7 @@ class Kernel(_Compiled):
 
     def compile(self, sig: Any) -> Any:
         """Return the function compiled for types of arguments."""
-        with _uncollected():
+        with uncollected():
             return super().compile(sig)
 
     @property
@@ -315,18 +314,6 @@ class _Callee(_Compiled):
         """Return the function compiled for types of arguments."""
         with global_compiler_lock, kernel_libraries(self.targetctx.codegen()):
             return super().compile(sig)
-
-
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Disable garbage collection in this context. Each collection would visit all objects of the compiler."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _widened(one: Any) -> Any:
