@@ -58,7 +58,7 @@ def coupling(epochs: int) -> None:
     rows = []
     for names in PAIRS:
         taught = [comove.DMP.fit(comove.Demonstration.from_lasa(name)) for name in names]
-        by_hand = [carried_to_hands(dmp, scene, s).mean(axis=1) for dmp in taught]
+        by_hand = [carried_to_hands(dmp, scene).mean(axis=1) for dmp in taught]
         for role, method in roles.items():
             found = comove.solve(
                 scene, demonstration=dict(zip(scene.manipulators, taught, strict=True)), method=method

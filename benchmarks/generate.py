@@ -1,6 +1,6 @@
 """Generation of episodes: rate, success, variety, size, and overhead.
 
-    python benchmarks/generate.py [--study planar] [--episodes 1000] [--workers 1 2]
+    python benchmarks/generate.py [--study planar] [--episodes 1000] [--workers 1 2] [--effort quick]
     python benchmarks/generate.py --only many idle grown [--rows 1000000]
 
 First, episodes of a study in `examples/studies`, with each number of processes, from kernels in the cache on disk to
@@ -18,6 +18,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from timing import on_one_thread, print_table
 from comove.data import Study, StudyStore, on_processes, report_of, run_study
 from comove.data.many import SolvingWork
 from comove.data.runs import RUNS
+from comove.planning.effort import EFFORTS
 from comove.processes import run_tasks
 
 STUDIES = Path(__file__).parents[1] / "examples" / "studies"
@@ -46,12 +48,13 @@ def main() -> None:
     parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS)
     parser.add_argument("--episodes", type=int, default=1000)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--effort", choices=tuple(EFFORTS), default="normal")
     parser.add_argument("--rows", type=int, default=1_000_000)
     options = parser.parse_args()
     on_one_thread()
     with tempfile.TemporaryDirectory() as folder:
         if "episodes" in options.only:
-            show(EPISODES, generated(options.study, Path(folder), options.episodes, options.workers))
+            show(EPISODES, generated(options, Path(folder)))
         if "many" in options.only:
             show(MANY, [many()])
         if "idle" in options.only:
@@ -94,10 +97,12 @@ def processor() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def generated(name: str, folder: Path, episodes: int, workers: list[int]) -> Iterator[dict[str, Any]]:
+def generated(options: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
     """Yield a row for each number of processes."""
-    study, first = Study.load(STUDIES / f"{name}.yaml", episodes=episodes), None
-    for count in workers:
+    study = Study.load(STUDIES / f"{options.study}.yaml", episodes=options.episodes)
+    study = replace(study, file=study.file.model_copy(update={"effort": options.effort}))
+    first = None
+    for count in options.workers:
         out = folder / f"out-{count}"
         begun, used = time.perf_counter(), processor()
         run_study(study, out, on_processes(count))

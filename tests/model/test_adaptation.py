@@ -73,7 +73,7 @@ def heading(hands):
 @pytest.mark.parametrize("turned", [0.0, 0.5])
 def test_hands_turn_with_the_load_and_end_where_they_must(n_dims, turned):
     place = scene(n_dims, turned=turned)
-    hands = carried_to_hands(hands_of_poses(PoseDMP.fit(recording([0, 0, 1], n_dims)), place), place, T)
+    hands = carried_to_hands(hands_of_poses(PoseDMP.fit(recording([0, 0, 1], n_dims)), place), place)
     assert np.allclose(hands[0], place.start, atol=1e-9)
     assert np.allclose(hands[-1], place.goal, atol=1e-9)
     assert np.linalg.norm(hands[:, 0] - hands[:, 1], axis=1) == pytest.approx(0.3, abs=2e-3)
@@ -100,7 +100,7 @@ def test_what_an_upright_load_cannot_do_is_left_out():
     }
     place = scene(constraints=[{"type": "upright"}], load=tray)
     both = np.array([1.0, 0.0, 1.0])  # a roll about the way, and a turn about the vertical
-    hands = carried_to_hands(hands_of_poses(PoseDMP.fit(recording(both)), place), place, T)
+    hands = carried_to_hands(hands_of_poses(PoseDMP.fit(recording(both)), place), place)
     assert hands[..., 2] == pytest.approx(0.0, abs=1e-9)
     assert heading(hands).max() == pytest.approx(SWING, rel=0.1)
 
@@ -109,7 +109,7 @@ def test_the_axis_of_turning_goes_with_the_way():
     """Taught along x with a nose that rises; carried out along y, the nose still rises."""
     up = hands_of_poses(PoseDMP.fit(recording([0, -1, 0])), scene())
     assert (
-        np.ptp(carried_to_hands(up, scene(), T)[..., 2]) < 1e-6
+        np.ptp(carried_to_hands(up, scene())[..., 2]) < 1e-6
     )  # the bar lies across: it rolls, and nothing shows
     data = {
         "name": "along y",
@@ -122,7 +122,7 @@ def test_the_axis_of_turning_goes_with_the_way():
         ],
     }
     place = comove.Scene.from_dict(data)
-    hands = carried_to_hands(hands_of_poses(PoseDMP.fit(recording([0, -1, 0])), place), place, T)
+    hands = carried_to_hands(hands_of_poses(PoseDMP.fit(recording([0, -1, 0])), place), place)
     rise = np.arcsin((hands[:, 1, 2] - hands[:, 0, 2]) / 0.3)
     assert rise.max() == pytest.approx(SWING, rel=0.05)
     assert np.abs(hands[..., 0]).max() < 1e-6
@@ -257,7 +257,7 @@ def test_the_axis_of_turning_does_not_flip_with_a_tiny_gap(size):
     place, found = scene(), []
     for gap in size * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, -1.0]]):
         shown = Demonstration(10 * T, loop(gap, 3).position, "nod", orientation=rise)
-        found.append(carried_to_hands(hands_of_poses(PoseDMP.fit(shown), place), place, T))
+        found.append(carried_to_hands(hands_of_poses(PoseDMP.fit(shown), place), place))
         assert np.abs(found[-1][[0, -1]] - [place.start, place.goal]).max() < 1e-9
     assert np.abs(np.diff(found, axis=0)).max() < 0.01
 
@@ -280,7 +280,7 @@ def test_the_axis_of_turning_does_not_flip_where_the_load_stays(size):
                 ],
             }
         )
-        found.append(carried_to_hands(hands_of_poses(PoseDMP.fit(up), place), place, T))
+        found.append(carried_to_hands(hands_of_poses(PoseDMP.fit(up), place), place))
     assert np.abs(np.diff(found, axis=0)).max() < 0.01
     assert np.arcsin(np.ptp(found[0][:, 1, 2] - found[0][:, 0, 2]) / 0.3) == pytest.approx(SWING, rel=0.05)
 
@@ -290,7 +290,7 @@ def test_poses_of_the_classic_form_are_not_blown_up():
     shown = Demonstration(10 * T, recording([0, 0, 1]).position, "swing", orientation=exponential(swing))
     place = scene(turned=0.5)
     dmp = PoseDMP.fit(shown, variant="classic", axis=(0, 0, 1))
-    hands = carried_to_hands(hands_of_poses(dmp, place), place, T)
+    hands = carried_to_hands(hands_of_poses(dmp, place), place)
     assert heading(hands) == pytest.approx(SWING * np.sin(np.pi * REST) ** 2 + 0.5 * REST, abs=0.05)
 
 
@@ -310,5 +310,5 @@ def test_hands_follow_poses_of_many_weights():
     path = np.outer(rest, [0.8, 0, 0]) + np.outer(0.05 * shake, [0, 1.0, 0])
     shown = Demonstration(20 * t, path, orientation=exponential(np.outer(0.3 * shake, [0, 0, 1.0])))
     hands = hands_of_poses(PoseDMP.fit(shown, n_basis=80), scene())
-    found = heading(carried_to_hands(hands, scene(), T))
+    found = heading(carried_to_hands(hands, scene()))
     assert found == pytest.approx(0.3 * np.sin(20 * np.pi * REST), abs=0.02)

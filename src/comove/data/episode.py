@@ -29,7 +29,7 @@ from comove.planning import Budget, Solution, solve
 from comove.planning.effort import NORMAL, EffortLevel
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
-from comove.results.solution import CURVE, motion_arrays, rebuild
+from comove.results.solution import curve_arrays, motion_arrays, rebuild
 from comove.verification.bounds import largest_jerk, node_bounds
 
 Made = tuple[StudyRun, StoredMotion | None]
@@ -115,11 +115,10 @@ def sample_times(scene: Scene, rate: int) -> NDArray[np.float64]:
 
 def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:
     """Return a motion for the run database, with its centre's path."""
-    arrays = motion_arrays(motion)
     return StoredMotion(
         key,
         zlib.compress(canonical(motion.scene.file)),
-        packed({name: arrays[name] for name in CURVE}),
+        packed(curve_arrays(motion)),
         center_path(motion, N_PATH).astype("<f4").tobytes(),
     )
 

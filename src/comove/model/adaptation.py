@@ -25,28 +25,34 @@ from comove.geometry.rotations import (
     similarity,
 )
 from comove.model.groups import RigidGroup
-from comove.model.scene import Scene
+from comove.model.scene import Scene, of_geometry
+
+N_STEPS = 201
+"""Samples of a demonstration that end effectors follow."""
 
 
-def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
+def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
     """Return movements adapted to the start and goal of end effectors.
-
-    Parameters
-    ----------
-    s : array, shape (n_steps,), shares of the duration
 
     Returns
     -------
-    array, shape (n_steps, n_manipulators, n_dims) [m]
+    array, shape (N_STEPS, n_manipulators, n_dims), read-only, at even times from start to goal [m]
     """
-    each = [dmp] * len(scene.start) if isinstance(dmp, DMP) else dmp
-    return np.stack(
+    return _carried(scene, *([dmp] * len(scene.start) if isinstance(dmp, DMP) else dmp))
+
+
+@of_geometry  # what follows a demonstration, warns of it and measures it asks for the same
+def _carried(scene: Scene, *movements: DMP) -> Array:
+    s = np.linspace(0.0, 1.0, N_STEPS)
+    hands = np.stack(
         [
             modulate(own, start, goal).at(s * own.duration).position
-            for own, start, goal in zip(each, scene.start, scene.goal, strict=True)
+            for own, start, goal in zip(movements, scene.start, scene.goal, strict=True)
         ],
         axis=1,
     )
+    hands.setflags(write=False)
+    return hands
 
 
 def covariance_of_hands(promp: ProMP, scene: Scene, s: Array) -> Array:

@@ -48,8 +48,8 @@ class CoordinatedDMP:
         dmp
             The demonstrated movement, of the scene's dimension; or one for each manipulator.
         """
-        s = np.linspace(0.0, 1.0, 201)
-        hands = carried_to_hands(dmp, scene, s)
+        hands = carried_to_hands(dmp, scene)
+        s = np.linspace(0.0, 1.0, len(hands))
         return cls(scene, coordinates, basis, coordinates.boundary(), np.zeros(0)).fitted(
             s, coordinates.from_hands(hands)
         )

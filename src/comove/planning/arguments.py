@@ -118,7 +118,7 @@ def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
     for one in [dmp] if isinstance(dmp, DMP) else dmp:
         require_dimension(one.n_dims, scene)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
-    hands[..., : scene.n_dims] = carried_to_hands(dmp, scene, np.linspace(0.0, 1.0, N_STEPS))
+    hands[..., : scene.n_dims] = carried_to_hands(dmp, scene)
     return hands
 
 

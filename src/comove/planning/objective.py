@@ -27,14 +27,13 @@ from comove.contacts.query import Query, least_distance, near_things
 from comove.contacts.surroundings import from_border, surroundings_of
 from comove.dmp.basis import rollouts
 from comove.geometry.surfaces import count_meshes
+from comove.model.adaptation import N_STEPS
 from comove.model.coordinates import Coordinates
 from comove.model.motion import CoordinatedMotion
 from comove.model.moving import Displacements
 from comove.model.resting import recessions
 from comove.model.scene import Scene
 from comove.planning.objectives.criteria import PaperCost
-
-N_STEPS = 201
 
 
 @dataclass(frozen=True)

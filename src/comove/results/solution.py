@@ -121,7 +121,7 @@ def motion_arrays(motion: CoordinatedMotion) -> Arrays:
     `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps, n_groups, 4), w x y z. The curve is rebuilt
     exactly.
     """
-    trajectory, basis = motion.trajectory(), motion.basis
+    trajectory = motion.trajectory()
     shares = trajectory.time / motion.scene.duration
     is_held = motion.coordinates.kind == "load"
     poses = poses_at(motion.coordinates, motion.at(shares)[0])._asdict() if is_held else {}
@@ -132,6 +132,14 @@ def motion_arrays(motion: CoordinatedMotion) -> Arrays:
         "acceleration": motion.hands(shares)[2] / motion.scene.duration**2,
         **poses,
         "manipulators": np.array(trajectory.manipulators),
+        **curve_arrays(motion),
+    }
+
+
+def curve_arrays(motion: CoordinatedMotion) -> Arrays:
+    """Return the arrays that define a motion, by the names `CURVE`."""
+    basis = motion.basis
+    return {
         "coordinates": np.array(motion.coordinates.kind),
         "weights": motion.weights,
         "start": motion.boundary[:2],
