@@ -187,7 +187,7 @@ class ControlLoop:
     def _stop_at(self, poses: HandPoses) -> None:
         """Rest at some poses."""
         self.poses, self.twists = poses, np.zeros((len(self.scene.groups), 6))
-        self._before = np.zeros((len(self.scene.manipulators), 3))
+        self._before, self._hands = np.zeros((len(self.scene.manipulators), 3)), self.hands(poses)
 
     @property
     def period(self) -> float:
@@ -303,7 +303,7 @@ class ControlLoop:
 
     def distance_from(self, poses: HandPoses) -> float:
         """Return the largest distance [m] of an end effector from other poses."""
-        return float(np.linalg.norm(self.hands(self.poses) - self.hands(poses), axis=1).max())
+        return float(np.linalg.norm(self._hands - self.hands(poses), axis=1).max())
 
     def hands(self, poses: HandPoses) -> Array:
         """Return the end effectors at given poses; array, shape (n_manipulators, 3) [m]."""
@@ -349,5 +349,6 @@ class ControlLoop:
 
     def _placed(self, poses: HandPoses) -> None:
         """Set the poses at the end of the step."""
-        self._before = (self.hands(poses) - self.hands(self.poses)) / self.period
-        self.poses = poses
+        hands = self.hands(poses)
+        self._before = (hands - self._hands) / self.period
+        self.poses, self._hands = poses, hands

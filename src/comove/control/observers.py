@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +18,6 @@ from comove.arrays import Array
 from comove.control.safety.cbf_qp import Sighting
 from comove.errors import OptionError
 from comove.geometry.distances import CENTER
-from comove.model.moving import ObstacleMotion
 from comove.model.scene import Scene
 
 Position = Callable[[float], ArrayLike]
@@ -127,13 +125,7 @@ class Functions(Observer):
     @classmethod
     def of_motions(cls, scene: Scene) -> Functions:
         """Return an observer of the scene's own motions with unknown future."""
-        return cls(
-            scene,
-            [
-                None if motion is None else partial(_place, motion, center, scene.n_dims)
-                for motion, center in zip(scene.motions, scene.centers, strict=True)
-            ],
-        )
+        return _OwnMotions(scene, [None] * len(scene.motions))
 
     def ground_truth(self, time: Array) -> Array:
         """Return the values of the functions; array, shape (n_times, n_obstacles, 3) [m]."""
@@ -165,6 +157,13 @@ class Functions(Observer):
         angle = np.where(time > turn, np.arctan2(sine, along), 0.0)
         rate = np.where(angle < self._sharpest * turn, angle / turn, 0.0)  # faster turns are jumps
         return across * (rate / np.maximum(sine, 1e-300))[:, None]
+
+
+class _OwnMotions(Functions):
+    """An observer of the scene's own motions, whose future it does not use."""
+
+    def ground_truth(self, time: Array) -> Array:
+        return self.scene.centers + self.scene.offsets(time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,10 +244,6 @@ def going_on(scene: Scene, seen: Sighting, bends: Array, time: float) -> Scene:
         for k, i in enumerate(first)
     )
     return replace(scene, obstacles=table, owners=owners, motions=motions)
-
-
-def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> Array:
-    return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 
 def sighting(scene: Scene, center: Array, velocity: Array, margin: Array, time: float) -> Sighting:

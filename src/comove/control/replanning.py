@@ -10,8 +10,11 @@ from __future__ import annotations
 import time as clock
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import ceil
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from comove.control.loop import ControlLoop, Replanner, Setpoint
 from comove.control.observers import STILL
@@ -30,9 +33,11 @@ from comove.model.scene import Scene
 from comove.planning.clock import Budget
 from comove.planning.methods import Guide, Quick
 from comove.planning.solver import solve
+from comove.verification.bounds import NodeBounds, node_bounds
 from comove.verification.certificate import certify
 
 NO_PLAN = "no plan yet"
+AT_ONCE = 2000  # control steps, at most, for which a plan is sampled at once
 
 
 @dataclass(frozen=True)
@@ -115,10 +120,15 @@ class Plan:
         """Return the time at which the motion ends [s]."""
         return self.begins + self.motion.scene.duration
 
-    def poses(self, *time: float) -> list[HandPoses]:
-        """Return the groups' poses at some instants [s]. After the end they are those of the goal."""
-        s = np.clip((np.array(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
-        return [poses_at(self.motion.coordinates, q) for q in self.motion.at(s)[0]]
+    @cached_property
+    def bounds(self) -> NodeBounds:
+        """Return the bounds of its motion, whatever the obstacles do."""
+        return node_bounds(self.motion)
+
+    def poses(self, time: ArrayLike) -> HandPoses:
+        """Return the groups' poses at times [s], shape (n_times,). After the end they are those of the goal."""
+        s = np.clip((np.asarray(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
+        return poses_at(self.motion.coordinates, self.motion.at(s)[0])
 
 
 class PlanReplanner(Replanner):
@@ -145,17 +155,27 @@ class PlanReplanner(Replanner):
     def follow(self, run: ControlLoop, plan: Plan) -> None:
         """Follow a plan from now on."""
         self.plan = self._last = plan
+        self._sample(run, plan)
         run.tell(f"a plan that arrives at {plan.ends:.2f} s")
 
     def current(self, run: ControlLoop) -> Setpoint:
         """Return the plan's poses, or straight ones at moderate speed without one."""
         if self.plan is not None:
-            here, ahead = self.plan.poses(run.time, run.time + run.period)
+            if not 0 <= run.n_steps - self._first < len(self._poses.center) - 1:
+                self._sample(run, self.plan)
+            k, (center, quaternion) = run.n_steps - self._first, self._poses
+            here, ahead = (HandPoses(center[i], quaternion[i]) for i in (k, k + 1))
             return Setpoint(here, ahead, self.plan.certain)
         twists = twists_between(run.scene, run.poses, run.goal, SETTINGS.homing)
         fastest = np.linalg.norm(hand_velocities(run.scene, run.poses, twists), axis=1).max()
         twists = twists * min(1.0, SETTINGS.caution * min(run.scene.speed_limit, 1.0) / max(fastest, 1e-9))
         return Setpoint(run.poses, advanced(run.poses, twists, run.period))
+
+    def _sample(self, run: ControlLoop, plan: Plan) -> None:
+        """Keep a plan's poses at the next control steps."""
+        left = min(max(ceil((plan.ends - run.time) / run.period), 1), AT_ONCE)
+        self._first = run.n_steps
+        self._poses = plan.poses(run.period * (run.n_steps + np.arange(left + 1)))
 
     def update(self, run: ControlLoop) -> None:
         """Discard a plan that is predicted to fail; search for a new one."""
@@ -176,14 +196,16 @@ class PlanReplanner(Replanner):
 
     def _against(self, run: ControlLoop, plan: Plan) -> str:
         """Return the reason why a plan no longer holds, or ""."""
-        now, (there,) = run.time, plan.poses(run.time)
+        now, there = run.time, self.current(run).here
         if (behind := run.distance_from(there)) > SETTINGS.lost:
             return f"the load is {behind:.3g} m behind it"
         if now >= plan.ends:
             return "" if run.arrived else "its end is past"
         expected, scene = run.observer.predict(now), plan.motion.scene
         scene = replace(scene, obstacles=expected.obstacles, owners=expected.owners, motions=expected.motions)
-        ahead = certify(replace(plan.motion, scene=scene), since=(now - plan.begins) / scene.duration)
+        ahead = certify(
+            replace(plan.motion, scene=scene), plan.bounds, since=(now - plan.begins) / scene.duration
+        )
         if ahead.lower < scene.clearance:
             return f"{scene.name_of(ahead.nearest)} would come too near at {plan.begins + ahead.time:.2f} s"
         return ""
