@@ -161,10 +161,10 @@ class PlanReplanner(Replanner):
     def current(self, run: ControlLoop) -> Setpoint:
         """Return the plan's poses, or straight ones at moderate speed without one."""
         if self.plan is not None:
-            if not 0 <= run.n_steps - self._first < len(self._poses.center) - 1:
+            if not 0 <= run.n_steps - self._first < len(self._poses) - 1:
                 self._sample(run, self.plan)
-            k, (center, quaternion) = run.n_steps - self._first, self._poses
-            here, ahead = (HandPoses(center[i], quaternion[i]) for i in (k, k + 1))
+            k = run.n_steps - self._first
+            here, ahead = self._poses[k : k + 2]
             return Setpoint(here, ahead, self.plan.certain)
         twists = twists_between(run.scene, run.poses, run.goal, SETTINGS.homing)
         fastest = np.linalg.norm(hand_velocities(run.scene, run.poses, twists), axis=1).max()
@@ -175,7 +175,7 @@ class PlanReplanner(Replanner):
         """Keep a plan's poses at the next control steps."""
         left = min(max(ceil((plan.ends - run.time) / run.period), 1), AT_ONCE)
         self._first = run.n_steps
-        self._poses = plan.poses(run.period * (run.n_steps + np.arange(left + 1)))
+        self._poses = list(plan.poses(run.period * (run.n_steps + np.arange(left + 1))).each())
 
     def update(self, run: ControlLoop) -> None:
         """Discard a plan that is predicted to fail; search for a new one."""

@@ -21,7 +21,7 @@ paper does: one point block per end effector, in which only the search keeps the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -104,6 +104,11 @@ class Coordinates:
     def n_dims(self) -> int:
         """Return 2 in the plane, 3 in space."""
         return self.blocks.n_dims
+
+    @cached_property
+    def unturned(self) -> Array:
+        """Return the groups' unturned orientations as quaternions; array, shape (n_groups, 4), w x y z."""
+        return np.array([quaternion_of_rotation(group.unturned) for group in self.groups])
 
     def nodes(self, q: Array, size: float = 1.0) -> Array:
         """Return the nodes of many rollouts.
@@ -447,6 +452,10 @@ class HandPoses(NamedTuple):
     center: Array
     quaternion: Array
 
+    def each(self) -> Iterator[HandPoses]:
+        """Yield the poses at each of several instants, the first axis of its arrays."""
+        return map(HandPoses, *self)
+
 
 def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
     """Return the poses of the groups in configurations.
@@ -482,8 +491,7 @@ def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
             quaternion[..., g, :] = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
         elif kind == DIRECTION:
             quaternion[..., g, :] = _pointing(turn / np.linalg.norm(turn, axis=-1, keepdims=True))
-        unturned = quaternion_of_rotation(coordinates.groups[g].unturned)
-        quaternion[..., g, :] = quaternion_product(quaternion[..., g, :], unturned)
+        quaternion[..., g, :] = quaternion_product(quaternion[..., g, :], coordinates.unturned[g])
     return HandPoses(center, quaternion)
 
 

@@ -122,7 +122,7 @@ class Pilot(Replanner):
     def current(self, run: ControlLoop) -> Setpoint:
         """Return the reference's poses now and next, its joints and rates. Next is a period later."""
         configurations, joints, rates = self.reference.at(self.clock + np.array([0.0, run.period]))
-        here, ahead = (poses_at(self.finder.coordinates, q) for q in configurations)
+        here, ahead = poses_at(self.finder.coordinates, configurations).each()
         return Setpoint(here, ahead, False, joints[0], rates[0])
 
     def advance(self, run: ControlLoop, pace: float) -> None:
