@@ -199,10 +199,13 @@ def note_contacts(
 ) -> None:
     """Update the first time and largest depth of watched contacts. A payload that rests on a support touches it, up
     to `SETTLED` deep."""
-    pairs, depths = data.contact.geom, -data.contact.dist
-    touching = np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0))
-    under = supports_under(scene, world.load, world.load_pose(data)) if len(touching) else set()
-    for i in touching:
+    contact = data.contact
+    pairs, depths = contact.geom, -contact.dist
+    touching = world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0)
+    if not touching.any():
+        return
+    under = supports_under(scene, world.load, world.load_pose(data))
+    for i in np.flatnonzero(touching):
         pair = (int(pairs[i].min()), int(pairs[i].max()))
         if under and depths[i] <= SETTLED:
             body, support = world.names_of(pair)
@@ -229,7 +232,8 @@ class _Log:
 
     def __init__(self, world: SimulatedWorld, n_steps: int):
         self.world, self.count = world, 0
-        model, self.holder_sites = world.model, [holder.site for holder in world.holders]
+        model, kinds = world.model, engine().mjtConstraint
+        self.kinds = int(kinds.mjCNSTR_EQUALITY), int(kinds.mjCNSTR_CONTACT_FRICTIONLESS)
         self.finger_qpos = world.finger_qpos
         self.hand_of_equality = np.full(model.neq, -1)
         for i, holder in enumerate(world.holders):
@@ -241,7 +245,7 @@ class _Log:
         self.fingers = np.empty((n_steps, len(self.finger_qpos)))
         self.hands = np.zeros((n_steps, len(world.sites), 4, 4))
         self.load_pose = np.empty((n_steps, 4, 4))
-        self.wrench = np.zeros((n_steps, len(world.holders), 6))
+        self.generalised = np.zeros((n_steps, len(world.holders), 6))
         self.hands[..., 3, 3] = 1.0
 
     def write_state(self, data: Any) -> None:
@@ -261,31 +265,38 @@ class _Log:
         self.count += 1
 
     def _write_wrenches(self, data: Any) -> None:
-        """Sum and log the wrenches of each end effector on the payload. The columns of the constraints' Jacobian for
-        a free body give the force in the world's axes and the torque about its origin in the body's axes."""
+        """Sum and log the generalised forces of each end effector on the payload, a free body."""
         world, n_dofs = self.world, self.world.model.nv
         if not data.nefc:
             return
         rows = data.efc_J.reshape(data.nefc, n_dofs)[:, world.load_dof : world.load_dof + 6]
         hand = self._hand_of_rows(data)
         by_hand = (hand[None, :] == np.arange(len(world.holders))[:, None]) * data.efc_force
-        wrench = by_hand @ rows
-        turned = data.xmat[world.load_body].reshape(3, 3)
-        arms = data.site_xpos[self.holder_sites] - data.xpos[world.load_body]
-        self.wrench[self.count, :, :3] = wrench[:, :3]
-        self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
+        self.generalised[self.count] = by_hand @ rows
 
     def _hand_of_rows(self, data: Any) -> Integers:
         """Return the holder's number of each constraint row, else -1. Array, shape (n_rows,)."""
-        kinds = engine().mjtConstraint
-        hand = np.full(data.nefc, -1)
-        equality = data.efc_type == int(kinds.mjCNSTR_EQUALITY)
+        (equal, frictionless), kind = self.kinds, data.efc_type
+        hand, equality, touching = np.full(data.nefc, -1), kind == equal, kind >= frictionless
         hand[equality] = self.hand_of_equality[data.efc_id[equality]]
-        touching = data.efc_type >= int(kinds.mjCNSTR_CONTACT_FRICTIONLESS)
         if touching.any():
             pairs = data.contact.geom
             hand[touching] = self.world.hand_of_geom[pairs].max(axis=1)[data.efc_id[touching]]
         return hand
+
+    @property
+    def wrench(self) -> Array:
+        """Return the wrenches of the end effectors on the payload.
+
+        A free body's generalised force is a force in the world's axes, and a torque about its origin in its own axes.
+        """
+        sites, pose, found = list(self.world.sites), self.load_pose, self.generalised.copy()
+        held = [sites.index(holder.site) for holder in self.world.holders]
+        if self.world.load is None:
+            return found
+        arms = self.hands[:, held][..., :3, 3] - pose[:, None, :3, 3]
+        found[..., 3:] = found[..., 3:] @ pose[:, :3, :3].swapaxes(1, 2) - np.cross(arms, found[..., :3])
+        return found
 
     def forget_broken(self) -> None:
         """Drop all samples from the first non-finite one; keep at least one."""
