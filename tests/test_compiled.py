@@ -249,6 +249,17 @@ def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
             assert said(tmp_path, code, name) == [value]
 
 
+def test_what_was_compiled_from_earlier_versions_of_a_file_is_removed(tmp_path):
+    file, other = tmp_path / "changing.py", tmp_path / "changing_not.py"
+    other.write_text(KERNEL)
+    said(tmp_path, "import changing_not; changing_not.twice(1.0)")
+    for lines in range(3):  # whose names say where they begin
+        file.write_text("# a line\n" * lines + KERNEL)
+        said(tmp_path, "import changing; changing.twice(1.0); changing.twice(1)")
+    names = {path.name.partition(".py")[0] for suffix in ("nbi", "nbc") for path in kept(tmp_path, suffix)}
+    assert names == {"changing.twice-6", "changing_not.twice-4"}
+
+
 @pytest.mark.parametrize("first", ["caller", "one"])
 def test_what_others_take_up_is_an_entry_of_its_own_as_well(tmp_path, first):
     """Loaded in either order: the entry has constants, such as the type of an array, that its caller has not."""

@@ -13,6 +13,7 @@ includes a fingerprint of all that the code depends on: the functions it calls, 
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import io
 import os
@@ -26,9 +27,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numba
 import numpy as np
 from llvmlite import binding as llvm
 from numba.core import event, sigutils
@@ -388,6 +391,7 @@ class _Sealed(IndexDataCacheFile):
     def save(self, key: Any, data: Any) -> None:
         self._sealed_for = text_of(key)
         super().save(self._sealed_for, data)
+        _remove_outdated(self._cache_path, self._index_name.partition(".")[0], self._source_stamp)
 
     def _save_data(self, name: str, data: Any) -> None:
         data = self._dump(data)
@@ -400,6 +404,24 @@ class _Sealed(IndexDataCacheFile):
         except Exception:  # pickle may raise anything on damaged data
             return {}
         return index if all(isinstance(signature, str) for signature in index) else {}
+
+
+@cache
+def _remove_outdated(folder: str, module: str, stamp: Any) -> None:
+    """Remove what was compiled from other versions of a source file; names hold the lines of functions.
+
+    Parameters
+    ----------
+    module : name of the file without its suffix
+    stamp : time of change and size of the present version
+    """
+    for index in Path(folder).glob(f"{module}.*.nbi"):
+        with suppress(Exception):  # pickle may raise anything on damaged data
+            version, (other, _) = (load := pickle.Unpickler(io.BytesIO(index.read_bytes())).load)(), load()
+            if version == numba.__version__ and other != stamp:
+                for data in Path(folder).glob(f"{glob.escape(index.stem)}.*.nbc"):
+                    data.unlink()
+                index.unlink()
 
 
 def text_of(key: Any) -> str:
