@@ -154,6 +154,13 @@ class LoopSettings(Protocol):
     def at_rest(self) -> float: ...
 
 
+class HandStates(NamedTuple):
+    """End effectors and their mean velocities; arrays, shape (n_manipulators, 3) [m, m/s]."""
+
+    position: Array
+    velocity: Array
+
+
 class Standstill(Replanner):
     """A reference that stays where the payload is."""
 
@@ -187,7 +194,7 @@ class ControlLoop:
     def _stop_at(self, poses: HandPoses) -> None:
         """Rest at some poses."""
         self.poses, self.twists = poses, np.zeros((len(self.scene.groups), 6))
-        self._before, self._hands = np.zeros((len(self.scene.manipulators), 3)), self.hands(poses)
+        self._hands = HandStates(hands := self.hands(poses), np.zeros_like(hands))
 
     @property
     def period(self) -> float:
@@ -207,7 +214,7 @@ class ControlLoop:
     @property
     def _speed(self) -> float:
         """Return the largest end-effector speed of the last step [m/s]."""
-        return float(np.linalg.norm(self._before, axis=1).max())
+        return float(np.linalg.norm(self._hands.velocity, axis=1).max())
 
     @property
     def joints(self) -> Array:
@@ -303,7 +310,7 @@ class ControlLoop:
 
     def distance_from(self, poses: HandPoses) -> float:
         """Return the largest distance [m] of an end effector from other poses."""
-        return float(np.linalg.norm(self._hands - self.hands(poses), axis=1).max())
+        return float(np.linalg.norm(self._hands.position - self.hands(poses), axis=1).max())
 
     def hands(self, poses: HandPoses) -> Array:
         """Return the end effectors at given poses; array, shape (n_manipulators, 3) [m]."""
@@ -333,7 +340,7 @@ class ControlLoop:
         twists = twists + twists_between(self.scene, self.poses, reference.here, self.settings.catch_up)
         wanted = hand_velocities(self.scene, self.poses, twists)
         seen = self.observer.observe(self.time)
-        allowed = self.filter.allowed(self.poses, self._before, wanted, seen, joints)
+        allowed = self.filter.allowed(self.poses, self._hands.velocity, wanted, seen, joints)
         self.log.note(allowed, self.scene)
         self.twists = allowed.twists
         self._move(allowed.rates)
@@ -350,5 +357,5 @@ class ControlLoop:
     def _placed(self, poses: HandPoses) -> None:
         """Set the poses at the end of the step."""
         hands = self.hands(poses)
-        self._before = (hands - self._hands) / self.period
-        self.poses, self._hands = poses, hands
+        self._hands = HandStates(hands, (hands - self._hands.position) / self.period)
+        self.poses = poses

@@ -83,7 +83,7 @@ class Known(Observer):
         return self.scene
 
     def ground_truth(self, time: Array) -> Array:
-        """Return the positions of the obstacles' centres by the file; array, shape (n_times, n_obstacles, 3) [m]."""
+        """Return the file's positions of the centres; array, shape (n_times, n_obstacles, 3) [m]."""
         return self.scene.centers + self.scene.offsets(time)
 
 
@@ -160,7 +160,7 @@ class Functions(Observer):
 
 
 class _OwnMotions(Functions):
-    """An observer of the scene's own motions, whose future it does not use."""
+    """An observer of the scene's own motions with unknown future."""
 
     def ground_truth(self, time: Array) -> Array:
         return self.scene.centers + self.scene.offsets(time)

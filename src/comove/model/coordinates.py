@@ -453,7 +453,7 @@ class HandPoses(NamedTuple):
     quaternion: Array
 
     def each(self) -> Iterator[HandPoses]:
-        """Yield the poses at each of several instants, the first axis of its arrays."""
+        """Yield the poses at each instant, the first axis of the arrays."""
         return map(HandPoses, *self)
 
 

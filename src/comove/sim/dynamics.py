@@ -265,7 +265,7 @@ class _Log:
         self.count += 1
 
     def _write_wrenches(self, data: Any) -> None:
-        """Sum and log the generalised forces of each end effector on the payload, a free body."""
+        """Log the end effectors' generalised forces on the payload, a free body."""
         world, n_dofs = self.world, self.world.model.nv
         if not data.nefc:
             return
