@@ -266,10 +266,10 @@ class RobotCarrier(LimitedKinematics):
         """Return each arm's joints at the goal, as `starts`."""
         return self.ends.branches("goal", self._solved_at("goal"))
 
-    def _solved_at(self, end: str) -> tuple[Array, ...]:
+    def _solved_at(self, end: str, patient: bool = True) -> tuple[Array, ...]:
         """Return the arms' joints at an end by their poses alone."""
         if end not in self._solved:
-            self._solved[end] = self.ends.solved(end)
+            self._solved[end] = self.ends.solved(end, patient)
         return self._solved[end]
 
     @cached_property
@@ -550,8 +550,8 @@ class RobotCarrier(LimitedKinematics):
             verdict = JointVerdict(None, JointReport(), (str(miss),))
         self.kept.append((motion, 0.0, (joints, verdict)))
 
-    def require_reach(self) -> None:
-        """Solve both ends, before the time of a search starts.
+    def require_reach(self, patient: bool = True) -> None:
+        """Solve both ends, before the time of a search starts; `patient` as of `EndJoints.solved`.
 
         Raises
         ------
@@ -563,7 +563,7 @@ class RobotCarrier(LimitedKinematics):
         for retreat in self._retreats.values():
             retreat.require_free_rest()
         for end in ("start", "goal") if self.begin is None else ("goal",):
-            self._solved_at(end)  # before clearances matter
+            self._solved_at(end, patient)  # before clearances matter
         _ = self.starts, self.goals
         if self._retreats:
             _ = self._pairs
