@@ -83,6 +83,20 @@ def test_poses_are_solved_patiently_only_if_every_grasp_is_refused(monkeypatch, 
     assert patient or set(searched) == {90}
 
 
+@pytest.mark.parametrize("away", [0.03, 0.3])
+def test_exact_bodies_decide_on_grasps_only_where_capsules_are_near(monkeypatch, away):
+    """A ball is beside the camera of the left hand at the start."""
+    contact, asked = EndJoints.contact, []
+    monkeypatch.setattr(EndJoints, "contact", lambda self, *end: asked.append(end[0]) or contact(self, *end))
+    grasps = {"any_of": [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]}
+    scene = lifts_scene(grasp=grasps)
+    turned = scene.alternatives[0].grasp.hand_rotations(scene.start)[0]
+    place = scene.start[0] + (CAMERA[0] + np.copysign(away, CAMERA[0])) * turned[:, 0] + [0.0, 0.0, CAMERA[2]]
+    ball = {"shape": "sphere", "center": place.tolist(), "radius": 0.01}
+    comove.solve(lifts_scene((ball,), grasp=grasps), robot=robot("lifts"), budget=Budget(work=0.2))
+    assert bool(asked) == (away < 0.1)
+
+
 def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):
     """A ball is where the camera of the left hand is at the start, if the hands are turned the one way."""
     grasps = [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]

@@ -628,13 +628,13 @@ class RobotCarrier(LimitedKinematics):
         """Return the least joint rotation to the start and goal [rad]. It is much more where links touch."""
         first, last = self._pairs[0]
         away = apart(self.ends.present, first) + apart(first, last)
-        return away + (0.0 if self.is_clear_at_ends else 2.0 * np.pi)
+        return away + (0.0 if self.tightness_at_ends < 2 else 2.0 * np.pi)
 
     @property
-    def is_clear_at_ends(self) -> bool:
-        """Return whether the likeliest joints at both ends may be clear. Capsules decide."""
+    def tightness_at_ends(self) -> int:
+        """Return the worse `EndJoints.tightness` of the likeliest joints at both ends."""
         ends = zip(self._pairs[0], ("start", "goal"), strict=True)
-        return all(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0] < 2 for q, end in ends)
+        return max(int(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0]) for q, end in ends)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""

@@ -208,7 +208,7 @@ def _carried(
         if _keeps_duration(scene, wanted["objective"]):
             carrier.require_room_for_obstacles()
         if (
-            tried is None and not scene.moving.any() and not carrier.is_clear_at_ends
+            tried is None and not scene.moving.any() and carrier.tightness_at_ends == 2
         ):  # by capsules, which are wider than links
             carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
@@ -391,7 +391,8 @@ def _clear_ways(
 
     def is_clear(k: int, carrier: RobotCarrier) -> bool:
         try:
-            if kept or not carrier.scene.moving.any():
+            known = kept or not carrier.scene.moving.any()
+            if known and carrier.tightness_at_ends > 0:
                 carrier.require_clear_ends()
         except (SceneError, RobotError) as error:
             errors[k] = error
