@@ -575,7 +575,7 @@ def stricter(search: Search, objective: Objective, verdict: Verdict, *, widening
 
 
 def _likely(objective: Objective, value: Evaluation, n_asked: int) -> Integers:
-    """Return the numbers of the `n_asked` best rollouts, the one furthest within the limits among them."""
+    """Return the numbers of the `n_asked` best rollouts. The gentlest is among them."""
     if len(value.cost) <= n_asked:
         return np.arange(len(value.cost))
     missed = np.where(objective.feasible(value), 0.0, 100.0)

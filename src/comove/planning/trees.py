@@ -56,7 +56,7 @@ def length(world, p, q):
 
 @Question
 def shortens(world, p, q, way, margin):
-    """Return whether a straight edge beats a path of length `way`, and may keep a margin."""
+    """Return whether a straight edge may replace a path of length `way`."""
     return world.shortens(p, q, way, margin)
 
 

@@ -201,7 +201,7 @@ def _shortens(world, p, q, way, margin):
 
 @kernel
 def _payload_is_free(arms, world, p, q, margin):
-    """Return whether the payload is free on an edge, which is known sooner than what arms do on it."""
+    """Return whether the payload is free on an edge. Arms take longer to be led along it."""
     if arms is None:  # all that an extension checks
         return True
     nodes = np.empty((world.space.blocks.node.shape[0], 3))

@@ -330,7 +330,9 @@ def _clusters(capsules: list[LinkCapsule], most: int = 8) -> list[list[LinkCapsu
 
 
 def _rod_of_group(ends: Array, radii: Array, group: Integers) -> tuple[int, float, float]:
-    """Return the most central of some capsules, and the radii of a ball and of a capsule about it [m].
+    """Return the most central of some capsules, with radii about it [m].
+
+    The radii are those of a ball about its middle and of a capsule about its axis that hold all.
 
     Parameters
     ----------
@@ -508,7 +510,7 @@ def load_clearances(
 
 @kernel(counted=False)
 def _may_touch(ball: tuple[float, float, float, float], a: Array, b: Array, reach: float) -> bool:
-    """Return whether a ball's points may be within `reach` [m] of a rod's middle."""
+    """Return whether a ball is within `reach` [m] of a rod's middle."""
     x, y, z, size = ball
     u, v, w = 0.5 * (a[0] + b[0]) - x, 0.5 * (a[1] + b[1]) - y, 0.5 * (a[2] + b[2]) - z
     far = size + reach
@@ -585,6 +587,6 @@ def clearance_between(links: Links, start: Array, end: Array, cap: float) -> flo
 
 @kernel(counted=False)
 def _are_near(middle: Array, i: int, j: int, far: float) -> bool:
-    """Return whether two of the points, shape (n_points, 3), are less than `far` [m] apart."""
+    """Return whether two of the points are less than `far` [m] apart."""
     x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
     return far > 0.0 and x * x + y * y + z * z < far * far

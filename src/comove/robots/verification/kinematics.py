@@ -492,7 +492,7 @@ def _driven(
 
 @kernel
 def _passed_on(i: int, j: int, r: Array, arm: Array, force: Array, moment: Array) -> None:
-    """Add joint j's force and moment to those of joint i before it; the universe's are not needed."""
+    """Add a joint's force and moment to those of the joint before."""
     if i == 0:
         return
     x, y, z, mx, my, mz = arm[0], arm[1], arm[2], moment[j, 0], moment[j, 1], moment[j, 2]
