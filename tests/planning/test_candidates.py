@@ -1,13 +1,16 @@
 """Candidates come best first, and kinematics are asked only while the answer may change which comes next."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from comove.dmp.basis import motion_basis
 from comove.model import Scene
+from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import load_coordinates
 from comove.planning.objective import Evaluation, Objective
-from comove.planning.search import Candidates
+from comove.planning.search import Candidates, Search
 from tests.cases import examples
 
 SCENE = Scene.from_dict(
@@ -65,3 +68,30 @@ def test_candidates_come_as_if_all_were_asked_about_and_no_more_than_needed_are(
     assert len(asked) == len(set(asked)) == worth_it.sum()
     whole = Candidates(OBJECTIVE, value, worth_it & executable)
     assert came == np.argsort(whole.rank, kind="stable").tolist()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_obstacles_of_rollouts_beyond_the_limits_are_left_out_until_they_may_matter(seed):
+    rng, basis = np.random.default_rng(seed), motion_basis(20)
+    ball = {"shape": "circle", "center": [0.5, 0.3], "radius": 0.05}
+    scene = Scene.from_dict(SCENE.file.model_dump() | {"obstacles": [ball]})
+    coordinates = load_coordinates(scene)
+    shape = 24, coordinates.n_columns, basis.n_basis
+    weights = np.linspace(0.0, 0.02, shape[0])[:, None, None] * rng.standard_normal(shape)
+    objective = Objective(scene, coordinates)
+    search = Search(objective, taught=None, hard=True, rng=rng)
+    dmp = CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), weights[0])
+    whole, lazy = (search.candidates(dmp, weights, 5, limited) for limited in (False, True))
+    left_out = np.isnan(lazy.value.clearance)
+    beyond = (np.array(objective.limit_ratios(whole.value)) > [[objective.penalty.near], [1.0]]).any(axis=0)
+    assert (
+        4 < left_out.sum() < 20 and (left_out == beyond).all() and not np.isnan(whole.value.clearance).any()
+    )
+    np.testing.assert_array_equal(lazy.sound, whole.sound)
+    assert lazy.gentlest == whole.gentlest and (np.isnan(lazy.value.clearance) == left_out).all()
+    order = lazy.best_first()
+    came = [next(order)]
+    assert (np.isnan(lazy.value.clearance) == left_out).all()
+    assert [*came, *order] == [*whole.best_first()]
+    np.testing.assert_array_equal(lazy.value.penalty, whole.value.penalty)
+    np.testing.assert_array_equal(lazy.value.clearance, whole.value.clearance)

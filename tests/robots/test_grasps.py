@@ -11,7 +11,8 @@ from comove.errors import SceneError
 from comove.model import Scene
 from comove.planning import Budget
 from comove.planning.solver import problem_of
-from comove.robots import Robot, solving
+from comove.robots import Robot, ends, solving
+from comove.robots.ends import EndJoints
 from comove.robots.files import read_joints
 from comove.view.figures import save_result
 from tests.robots.small_robots import CAMERA, lifts_scene, robot
@@ -57,6 +58,43 @@ def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     assert found.verified
     save_result(found, tmp_path, wall_time_s=1.0)
     assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, "the mesh is found, and the same one"
+
+
+@pytest.mark.parametrize("refused", [(-90,), (-90, 90)], ids=str)
+def test_poses_are_solved_patiently_only_if_every_grasp_is_refused(monkeypatch, refused):
+    """The seeds that are solved first are said to miss the poses of refused grasps."""
+    grasps = [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]
+    solved, patiently, searched, patient = EndJoints._solutions, ends.patiently_solved, [], []
+
+    def missed(self, *pose):
+        joints, missing = solved(self, *pose)
+        return joints, missing + (self.scene.file.grasp.offset_deg in refused)
+
+    def counted(scene, **how):
+        searched.append(scene.file.grasp.offset_deg)
+        return problem_of(scene, **how)
+
+    monkeypatch.setattr(EndJoints, "_solutions", missed)
+    monkeypatch.setattr(ends, "patiently_solved", lambda *pose: patient.append(pose) or patiently(*pose))
+    monkeypatch.setattr(solving, "problem_of", counted)
+    scene = lifts_scene(grasp={"any_of": grasps})
+    assert comove.solve(scene, robot=robot("lifts"), budget=Budget(work=0.2)).scene.file.grasp is not None
+    assert bool(patient) == (len(refused) == 2)
+    assert patient or set(searched) == {90}
+
+
+@pytest.mark.parametrize("away", [0.03, 0.3])
+def test_exact_bodies_decide_on_grasps_only_where_capsules_are_near(monkeypatch, away):
+    """A ball is beside the camera of the left hand at the start."""
+    contact, asked = EndJoints.contact, []
+    monkeypatch.setattr(EndJoints, "contact", lambda self, *end: asked.append(end[0]) or contact(self, *end))
+    grasps = {"any_of": [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]}
+    scene = lifts_scene(grasp=grasps)
+    turned = scene.alternatives[0].grasp.hand_rotations(scene.start)[0]
+    place = scene.start[0] + (CAMERA[0] + np.copysign(away, CAMERA[0])) * turned[:, 0] + [0.0, 0.0, CAMERA[2]]
+    ball = {"shape": "sphere", "center": place.tolist(), "radius": 0.01}
+    comove.solve(lifts_scene((ball,), grasp=grasps), robot=robot("lifts"), budget=Budget(work=0.2))
+    assert bool(asked) == (away < 0.1)
 
 
 def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):

@@ -428,7 +428,7 @@ class Comove(Method):
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
             basis = search.basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
-            candidates = search.candidates(dmp, weights, self.settings.n_asked)
+            candidates = search.candidates(dmp, weights, self.settings.n_asked, limited=not mend)
             value, some = candidates.value, islice(candidates.best_first(), self.settings.n_certified)
             for i in chain(some, (candidates.gentlest for _ in range(1))):  # found only if it is its turn
                 if search.found.attempt is not None:  # one is judged even if time is up

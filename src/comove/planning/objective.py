@@ -88,7 +88,7 @@ class Evaluation(NamedTuple):
     penalty : penalty of obstacles, the border and separations
     clearance : least clearance that was found [m], capped at the scene's clearance plus the margin (at least a
         millimetre); for end effectors that must stay apart, the scene's clearance plus their distance beyond the
-        separation
+        separation; NaN where obstacles were left out
     hits : mean number of touched obstacles over the samples, the indicator term of (4)
     speed : largest speed of an end effector [m/s]
     acceleration : largest acceleration of an end effector [m/s^2]
@@ -132,24 +132,26 @@ class Objective:
         """Return the objective with a changed penalty."""
         return replace(self, penalty=self.penalty._replace(**changes))
 
-    def evaluate(self, q: Array, size: float = 1.0) -> Evaluation:
+    def evaluate(self, q: Array, size: float = 1.0, limited: bool = False) -> Evaluation:
         """Evaluate a population of configurations over time.
 
         Parameters
         ----------
         q : array, shape (n_rollouts, n_columns, n_steps)
         size : size of the payload, 1 for the real one
+        limited : whether to leave out the obstacles of rollouts beyond the limits
         """
         nodes = self.coordinates.nodes(q, size)
-        return self.evaluate_nodes(nodes, self.scene.displacements_along(nodes.shape[1]))
+        return self.evaluate_nodes(nodes, self.scene.displacements_along(nodes.shape[1]), limited)
 
-    def evaluate_nodes(self, nodes: Array, moved: Displacements) -> Evaluation:
+    def evaluate_nodes(self, nodes: Array, moved: Displacements, limited: bool = False) -> Evaluation:
         """Evaluate a population of node positions over time.
 
         Parameters
         ----------
         nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), evenly spaced in time [m]
         moved : displacements of obstacles at the steps; none if nothing moves
+        limited : as of `evaluate`
         """
         scene, w, p, around = self.scene, self.weights, self.penalty, surroundings_of(self.scene)
         n_hands = len(scene.manipulators)
@@ -162,6 +164,10 @@ class Objective:
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
             taught, c_res = self.demonstration, w.resemblance
+        fastest, hardest = np.inf, np.inf
+        if limited:  # and not by rounding alone
+            share = (1.0 + 1e-9) * p.limits
+            fastest, hardest = share * p.near * scene.speed_limit, share * scene.acceleration_limit
         return Evaluation(
             *_evaluate(
                 around,
@@ -171,6 +177,7 @@ class Objective:
                 offsets,
                 taught,
                 np.array([w.goal, w.velocity, c_res, scene.duration]),
+                np.array([fastest, hardest]),
                 p._replace(margin=p.margin + scene.clearance),
                 scene.clearance,
             )
@@ -212,7 +219,7 @@ class Objective:
 
 
 @kernel
-def _evaluate(around, nodes, n_hands, moved, offsets, taught, cost_weights, contact, needed):
+def _evaluate(around, nodes, n_hands, moved, offsets, taught, cost_weights, largest, contact, needed):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
     terms, total = np.zeros((n_rollouts, 3)), np.zeros(n_rollouts)
@@ -245,6 +252,9 @@ def _evaluate(around, nodes, n_hands, moved, offsets, taught, cost_weights, cont
         terms[k, 2] *= c_res / n_steps
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
+        if speed[k] > largest[0] or acceleration[k] > largest[1]:
+            clearance[k] = np.nan
+            continue
         own = Displacements(offsets[min(k, offsets.shape[0] - 1)], moved.angles, moved.axes, moved.centers)
         penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, own, contact, needed, scratch)
     return total, penalty, clearance, hits, speed, acceleration, terms

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.arrays import Array
+from comove.arrays import Array, Integers
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.dmp import DMP
 from comove.dmp.system import LinearPhase, Phase
@@ -184,14 +184,14 @@ class Candidates:
     """A population of rollouts, best first.
 
     The kinematics of arms are slow: they evaluate one rollout after the other, and only while the result may change
-    which one is next. All others count as impossible.
+    which one is next. All others count as impossible. So are the obstacles of rollouts beyond the limits.
 
     Attributes
     ----------
     objective, value : objective, and the rollouts' evaluation by it, with the kinematics' penalties evaluated so far
     possible : array, shape (n_rollouts,), whether the kinematics may execute them
-    unasked : what is left of the kinematics' penalties and possibilities, by the number of the rollout; see
-        `Kinematics.asking`
+    unasked : what is left of the penalties of kinematics or obstacles and of the possibilities, by the number of the
+        rollout; see `Kinematics.asking`
     """
 
     objective: Objective
@@ -220,7 +220,7 @@ class Candidates:
     @property
     def gentlest(self) -> int:
         """Return the number of the rollout furthest within the limits."""
-        self.ask_all()
+        self.ask_all(self.sound if self.sound.any() else ~self.sound)
         return int(np.argmin(np.maximum(*self.objective.limit_ratios(self.value)) + self.missed))
 
     def best_first(self) -> Iterator[int]:
@@ -235,10 +235,11 @@ class Candidates:
                 left[best] = False
                 yield best
 
-    def ask_all(self) -> None:
-        """Evaluate the kinematics of all rollouts that lack it."""
-        while self.unasked:
-            self._ask(next(iter(self.unasked)))
+    def ask_all(self, some: NDArray[np.bool_] | bool = True) -> None:
+        """Evaluate what is left of some rollouts; array, shape (n_rollouts,)."""
+        for number in np.flatnonzero(np.broadcast_to(some, len(self.possible))).tolist():
+            while number in self.unasked:
+                self._ask(number)
 
     def _ask(self, number: int) -> None:
         penalty, self.possible[number], is_all = next(self.unasked[number])
@@ -350,30 +351,36 @@ class Search:
         self.clock.add_work(self.kinematics.work_of_rollout * len(weights))
         return self.kinematics.followed(objective.evaluate(q, size), objective, q)
 
-    def candidates(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Candidates:
-        """Evaluate a population; defer the kinematics of its best `n_asked` rollouts."""
+    def candidates(
+        self, dmp: CoordinatedDMP, weights: Array, n_asked: int, limited: bool = True
+    ) -> Candidates:
+        """Evaluate a population; defer the kinematics of its best `n_asked` rollouts.
+
+        Parameters
+        ----------
+        limited : whether to defer the obstacles of rollouts beyond the limits as well
+        """
         kinematics, objective = self.kinematics, self.objective
         self.count(len(weights), self._work_of_rollout)
-        q = dmp.rollouts(weights, N_STEPS)
-        value = objective.evaluate(q)
-        possible, every = np.ones(len(weights), dtype=bool), np.arange(len(weights))
-        if not kinematics.has_limits:
-            return Candidates(objective, value, possible)
-        self.clock.add_work(kinematics.work_of_rollout * min(n_asked, len(weights)))
-        if len(weights) > n_asked:
-            missed = np.where(objective.feasible(value), 0.0, 100.0)
-            gentlest = np.argmin(np.maximum(*objective.limit_ratios(value)) + missed)
-            ranked = np.argsort(objective.search_value(value) + missed, kind="stable")
-            every = np.unique(np.append(ranked[: n_asked - 1], gentlest))
-            possible[:] = False
-            possible[every] = True
-        ask = kinematics.asking(objective.coordinates.nodes(q[every]))
-        return Candidates(
-            objective,
-            value._replace(penalty=value.penalty.copy()),
-            possible,
-            {number: ask(k) for k, number in enumerate(every.tolist())},
-        )
+        q, unasked = dmp.rollouts(weights, N_STEPS), dict[int, Iterator[tuple[float, bool, bool]]]()
+        value, possible = objective.evaluate(q, limited=limited), np.ones(len(weights), dtype=bool)
+        if kinematics.has_limits:
+            self.clock.add_work(kinematics.work_of_rollout * min(n_asked, len(weights)))
+            every = _likely(objective, value, n_asked)
+            if np.isnan(value.clearance[every]).any():  # too few keep the limits
+                value = objective.evaluate(q)
+                every = _likely(objective, value, n_asked)
+            possible = np.isin(np.arange(len(weights)), every)
+            ask = kinematics.asking(objective.coordinates.nodes(q[every]))
+            unasked = {number: ask(k) for k, number in enumerate(every.tolist())}
+
+        def obstructed(k: int) -> Iterator[tuple[float, bool, bool]]:
+            found = objective.evaluate(q[k : k + 1])
+            value.clearance[k], value.hits[k] = found.clearance[0], found.hits[0]
+            yield float(found.penalty[0]), bool(possible[k]), True
+
+        unasked |= {k: obstructed(k) for k in np.flatnonzero(np.isnan(value.clearance)).tolist()}
+        return Candidates(objective, value._replace(penalty=value.penalty.copy()), possible, unasked)
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion, and keep it if it is the best. Further checks, which may be slow, come last."""
@@ -565,3 +572,13 @@ def stricter(search: Search, objective: Objective, verdict: Verdict, *, widening
     if not changes:
         search.kinematics = search.kinematics.stricter()
     return objective.with_penalty(**changes)
+
+
+def _likely(objective: Objective, value: Evaluation, n_asked: int) -> Integers:
+    """Return the numbers of the `n_asked` best rollouts. The gentlest is among them."""
+    if len(value.cost) <= n_asked:
+        return np.arange(len(value.cost))
+    missed = np.where(objective.feasible(value), 0.0, 100.0)
+    gentlest = np.argmin(np.maximum(*objective.limit_ratios(value)) + missed)
+    ranked = np.argsort(objective.search_value(value) + missed, kind="stable")
+    return np.unique(np.append(ranked[: n_asked - 1], gentlest))

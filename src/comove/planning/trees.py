@@ -55,9 +55,9 @@ def length(world, p, q):
 
 
 @Question
-def shortens(world, p, q, way):
-    """Return whether a straight edge beats a path of length `way`."""
-    return world.shortens(p, q, way)
+def shortens(world, p, q, way, margin):
+    """Return whether a straight edge may replace a path of length `way`."""
+    return world.shortens(p, q, way, margin)
 
 
 @kernel(nogil=True)
@@ -184,7 +184,7 @@ def shortened(world, path, margin, rng, n_trials, near):
         between(world, work[i], work[i + 1], (u - at_i) / max(lengths[i], 1e-12), p)
         between(world, work[j], work[j + 1], (v - at_j) / max(lengths[j], 1e-12), q)
         if not (
-            shortens(world, p, q, v - u - WORTHWHILE * total)
+            shortens(world, p, q, v - u - WORTHWHILE * total, margin)
             and exists(world, work[i], p)
             and exists(world, work[j], q)
         ):

@@ -193,8 +193,19 @@ def _length_in_time(timing, space, p, q):
 
 @trees.shortens.answered_for(World)
 @kernel
-def _shortens(world, p, q, way):
-    return _shortens_in_time(world.timing, world.space, p, q, way - _worth(world.arms))
+def _shortens(world, p, q, way, margin):
+    if not _shortens_in_time(world.timing, world.space, p, q, way - _worth(world.arms)):
+        return False
+    return _payload_is_free(world.arms, world, p, q, margin)
+
+
+@kernel
+def _payload_is_free(arms, world, p, q, margin):
+    """Return whether the payload is free on an edge. Arms take longer to be led along it."""
+    if arms is None:  # all that an extension checks
+        return True
+    nodes = np.empty((world.space.blocks.node.shape[0], 3))
+    return edge_is_free_in_time(world.space, world.timing, p, q, margin, np.empty(p.shape[0]), nodes)
 
 
 @kernel

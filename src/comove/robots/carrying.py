@@ -266,10 +266,10 @@ class RobotCarrier(LimitedKinematics):
         """Return each arm's joints at the goal, as `starts`."""
         return self.ends.branches("goal", self._solved_at("goal"))
 
-    def _solved_at(self, end: str) -> tuple[Array, ...]:
+    def _solved_at(self, end: str, patient: bool = True) -> tuple[Array, ...]:
         """Return the arms' joints at an end by their poses alone."""
         if end not in self._solved:
-            self._solved[end] = self.ends.solved(end)
+            self._solved[end] = self.ends.solved(end, patient)
         return self._solved[end]
 
     @cached_property
@@ -550,8 +550,8 @@ class RobotCarrier(LimitedKinematics):
             verdict = JointVerdict(None, JointReport(), (str(miss),))
         self.kept.append((motion, 0.0, (joints, verdict)))
 
-    def require_reach(self) -> None:
-        """Solve both ends, before the time of a search starts.
+    def require_reach(self, patient: bool = True) -> None:
+        """Solve both ends, before the time of a search starts; `patient` as of `EndJoints.solved`.
 
         Raises
         ------
@@ -563,7 +563,7 @@ class RobotCarrier(LimitedKinematics):
         for retreat in self._retreats.values():
             retreat.require_free_rest()
         for end in ("start", "goal") if self.begin is None else ("goal",):
-            self._solved_at(end)  # before clearances matter
+            self._solved_at(end, patient)  # before clearances matter
         _ = self.starts, self.goals
         if self._retreats:
             _ = self._pairs
@@ -628,13 +628,13 @@ class RobotCarrier(LimitedKinematics):
         """Return the least joint rotation to the start and goal [rad]. It is much more where links touch."""
         first, last = self._pairs[0]
         away = apart(self.ends.present, first) + apart(first, last)
-        return away + (0.0 if self.is_clear_at_ends else 2.0 * np.pi)
+        return away + (0.0 if self.tightness_at_ends < 2 else 2.0 * np.pi)
 
     @property
-    def is_clear_at_ends(self) -> bool:
-        """Return whether the likeliest joints at both ends may be clear. Capsules decide."""
+    def tightness_at_ends(self) -> int:
+        """Return the worse `EndJoints.tightness` of the likeliest joints at both ends."""
         ends = zip(self._pairs[0], ("start", "goal"), strict=True)
-        return all(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0] < 2 for q, end in ends)
+        return max(int(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0]) for q, end in ends)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""

@@ -167,7 +167,9 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: Jo
     curve : joint positions by time [s], cubic between samples
     """
     time, inertias = _sampling(curve.x), _loaded(robot, arms, tuple(masses.tolist()))
-    return _largest_share(robot, time, _torques(robot, inertias, *curve.orders(time, 2)))
+    q, rates, bends = curve.orders(time, 2)
+    torque = inverse_dynamics(robot, inertias, q, rates, bends, _loaded(robot, (), ()))
+    return _largest_share(robot, time, torque)
 
 
 def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: JointCurve) -> Extreme:
@@ -266,17 +268,10 @@ def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceler
     ----------
     loaded : the robot's model with the payload
     """
-    return _torques(robot, Inertias.of(loaded), position, velocity, acceleration)
+    own = _loaded(robot, (), ())
+    return inverse_dynamics(robot, Inertias.of(loaded), position, velocity, acceleration, own)
 
 
 @lru_cache(maxsize=8)
 def _loaded(robot: Robot, arms: tuple[Arm, ...], masses: tuple[float, ...]) -> Inertias:
     return Inertias.of(loaded_model(robot, arms, np.array(masses)))
-
-
-def _torques(robot: Robot, loaded: Inertias, position: Array, velocity: Array, acceleration: Array) -> Array:
-    torque = inverse_dynamics(robot, loaded, position, velocity, acceleration)
-    if robot.relief.any():
-        still = position[:0]
-        torque -= robot.relief * inverse_dynamics(robot, _loaded(robot, (), ()), position, still, still)
-    return torque

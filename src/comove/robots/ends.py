@@ -252,8 +252,12 @@ class EndJoints:
         arms = self.arms
         return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
-    def solved(self, end: str) -> tuple[Array, ...]:
+    def solved(self, end: str, patient: bool = True) -> tuple[Array, ...]:
         """Compute joint positions at an end by poses alone, nearest first.
+
+        Parameters
+        ----------
+        patient : whether a pose is solved from all seeds to the end before it is said to be out of reach
 
         Returns
         -------
@@ -270,7 +274,7 @@ class EndJoints:
         are_slow = None in of_robot(self.robot, self.holders)[3]  # without a closed form
         solved = (THREADS.map if are_slow else map)(self._solutions, *each)
         for i, (joints, missing) in enumerate(solved):
-            if missing.min() > MET and may_reach(self.arms.ranges, i, rotations[i], nodes[i]):
+            if patient and missing.min() > MET and may_reach(self.arms.ranges, i, rotations[i], nodes[i]):
                 joints, missing = patiently_solved(
                     chains, i, rotations[i], nodes[i], posture, self.settings.n_seeds
                 )
@@ -522,10 +526,7 @@ def solved_for(
 def patiently_solved(
     chains: Chains, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int
 ) -> tuple[Array, Array]:
-    """Solve a pose from all seeds to the end.
-
-    This is tried before a pose is said to be out of reach. Arguments and results are those of `EndJoints._solutions`.
-    """
+    """Solve a pose from all seeds to the end. Arguments and results are those of `EndJoints._solutions`."""
     seeds = _seeds(chains, posture, n_seeds)
     return solutions(chains, i, rotation, point, posture, seeds, PERSISTENT, len(seeds))
 

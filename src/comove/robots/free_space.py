@@ -217,7 +217,7 @@ class Room:
         """Return whether a node is free."""
         return self.is_free(node)
 
-    def shortens(self, p: Array, q: Array, way: float) -> bool:
+    def shortens(self, p: Array, q: Array, way: float, margin: float) -> bool:
         """Return True: the straight piece between two nodes is never longer."""
         return True
 

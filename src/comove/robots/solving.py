@@ -208,7 +208,7 @@ def _carried(
         if _keeps_duration(scene, wanted["objective"]):
             carrier.require_room_for_obstacles()
         if (
-            tried is None and not scene.moving.any() and not carrier.is_clear_at_ends
+            tried is None and not scene.moving.any() and carrier.tightness_at_ends == 2
         ):  # by capsules, which are wider than links
             carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
@@ -391,13 +391,14 @@ def _clear_ways(
 
     def is_clear(k: int, carrier: RobotCarrier) -> bool:
         try:
-            if kept or not carrier.scene.moving.any():
+            known = kept or not carrier.scene.moving.any()
+            if known and carrier.tightness_at_ends > 0:
                 carrier.require_clear_ends()
         except (SceneError, RobotError) as error:
             errors[k] = error
         return k not in errors
 
-    untried = iter(enumerate(ways))
+    untried, patient = iter(enumerate(ways)), False
     while True:
         tried = list[tuple[int, float, int, Scene, RobotCarrier]]()
         for k, way in untried:
@@ -405,15 +406,17 @@ def _clear_ways(
                 choice = way()
                 first_try = _first_duration(choice) if choice.moving.any() else 1.0
                 carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
-                carrier.require_reach()
+                carrier.require_reach(patient)
                 if later or is_clear(k, carrier):
                     tried.append((int(choice.n_far[0]), round(carrier.turning, 6), k, choice, carrier))
             except (SceneError, RobotError) as error:
                 errors[k] = error
             if choices and len(tried) == RANKING.exact:
                 break
-        if not tried:
+        if not tried and (patient or n_found):
             break
+        if not tried:  # patience takes ten times as long, and is for scenes that are refused otherwise
+            untried, patient, errors = iter(enumerate(ways)), True, {}
         for *_, k, choice, carrier in sorted(tried, key=lambda one: one[:3]):
             if not later or is_clear(k, carrier):
                 n_found += 1

@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from comove.model.coordinates import load_coordinates
-from comove.planning.configurations import clearance_of, configuration_space
+from comove.planning.configurations import clearance_of, configuration_space, edge_is_free
 from comove.planning.planner import plan
-from comove.planning.world import World
+from comove.planning.world import World, _shortens
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.following import MET
@@ -172,3 +172,21 @@ def test_an_edge_is_refused_when_an_arm_is_left_behind_or_links_touch():
         target = begin.copy()
         target[:3] += shift
         assert follow_edge(carrying, world, begin, target) is free
+
+
+def test_arms_are_led_along_no_shortcut_that_the_payload_blocks():
+    carrying, rng = task("gantry"), np.random.default_rng(3)
+    space, boundary = space_of(carrying.scene), load_coordinates(carrying.scene).boundary()
+    n, joints = boundary.shape[1], np.concatenate([arm.home for arm in carrying.holders])
+    world = World.of(space, arms=CarryingArms(carrying.arms, n, np.stack([joints, joints]), SETTINGS))
+    nodes, free = np.empty((space.blocks.node.shape[0], 3)), []
+    for _ in range(60):
+        p, q = (
+            np.append(rng.uniform(boundary.min(axis=0) - 0.1, boundary.max(axis=0) + 0.1), joints)
+            for _ in range(2)
+        )
+        free.append(edge_is_free(space, p, q, MARGIN, np.empty(len(p)), nodes))
+        assert _shortens(world, p, q, np.inf, MARGIN) == free[-1]
+        assert _shortens(World.of(space), p[:n].copy(), q[:n].copy(), np.inf, MARGIN)
+        assert not _shortens(world, p, q, 0.0, MARGIN)
+    assert 10 < sum(free) < 50

@@ -13,9 +13,10 @@ from comove.planning.convex.costs import Anchored
 from comove.planning.objective import N_STEPS
 from comove.robots import Robot
 from comove.robots.carrying import RobotCarrier
+from comove.robots.search import spare
 from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
-from comove.robots.search.spare import SETTINGS, ArmsFollower
+from comove.robots.search.spare import N_KNOWN, SETTINGS, ArmsFollower, spare_along
 from tests.robots.known_carry import grasp_frames
 from tests.robots.small_robots import EXAMPLES, grasp_errors, movement, robot, task, whole
 
@@ -148,3 +149,30 @@ def test_two_pandas_find_the_smoothest_motion_that_keeps_their_links_apart():
         patch.setattr(smooth, "optimise", noted)
         found = comove.solve(scene.timed(None), robot=robot("two_pandas"), seed=0, budget=600)
     assert found.verified and set(costs) == {0.0}
+
+
+def test_a_motion_asked_for_again_is_not_followed_again(monkeypatch):
+    carrying, followed = task("gantry"), []
+
+    def counted(arms, nodes, *rest):
+        followed.append(nodes)
+        return spare_along(arms, nodes, *rest)
+
+    q, follower = along(movement(carrying.scene), carrying, n_steps=11)
+    monkeypatch.setattr(spare, "spare_along", counted)
+    nodes = nodes_of(movement(carrying.scene), q)
+    others = [nodes + 1e-4 * k for k in range(N_KNOWN + 1)]
+    for asked, n in ((others[0], 1), (others[0], 1), (others[1], 2), (others[0].copy(), 2)):
+        found = follower.follow(asked)
+        assert len(followed) == n
+        for known, anew in zip(
+            found, spare_along(follower.arms, asked, follower.course, SETTINGS.lever), strict=True
+        ):
+            np.testing.assert_array_equal(known, anew)
+    follower.stricter().follow(others[1])
+    assert len(followed) == 2
+    for asked in others[2:]:
+        follower.follow(asked)
+    assert len(followed) == len(follower.known) + 1 == N_KNOWN + 1, "the oldest is forgotten"
+    follower.follow(others[0])
+    assert len(followed) == N_KNOWN + 2

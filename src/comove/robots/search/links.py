@@ -103,10 +103,10 @@ class Links(NamedTuple):
     pairs : array, shape (n_pairs, 2), pairs of links that must not meet, run by run
     wider : array, shape (n_pairs,), amount by which the capsules of a pair are nearer than its bodies [m]
     runs : array, shape (n_runs, 4), the groups of both links, then first and last (exclusive) row of the pairs
-    group : array, shape (n_links,), group of links that move together
-    group_radius : array, shape (n_groups,), radius of a ball about the mean of a group's middles that holds it [m]
-    group_center : array, shape (n_groups, 3), that mean of a group that does not move [m]; zeros for others
-    group_count : array, shape (n_groups,), number of the links of a group
+    group : array, shape (n_links,), group of links that move together, or of near ones of a static body
+    group_first : array, shape (n_groups + 1,), first link of each group, about which its others are, then n_links
+    group_reach, group_radius : arrays, shape (n_groups,), radii of a ball about the middle of the first link, and of
+        a capsule about its axis, that hold the group [m]
     holds : array, shape (n_links,), whether the link is part of the end effector, which touches the payload
     moving : array, shape (n_moving,), indices of the links that move, arm by arm
     """
@@ -121,9 +121,9 @@ class Links(NamedTuple):
     wider: Array
     runs: Integers
     group: Integers
+    group_first: Integers
+    group_reach: Array
     group_radius: Array
-    group_center: Array
-    group_count: Array
     holds: NDArray[np.bool_]
     moving: Integers
 
@@ -267,73 +267,87 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, Integers]:
     lasts = {int(arm.columns[-1]) for arm in arms}
     data = model.createData()
     pin.forwardKinematics(model, data, robot.home)
-    joints, holds, ends, radii = list[int](), list[bool](), list[list[Array]](), list[float]()
-    numbers_of: list[range] = []
-    known: dict[object, list[LinkCapsule]] = {}
-    for item in collision.geometryObjects:
+    owner, joints, ends, radii = list[int](), list[int](), list[list[Array]](), list[float]()
+    clusters, known = list[int](), dict[object, list[LinkCapsule]]()
+    for number, item in enumerate(collision.geometryObjects):
         column = model.idx_vs[item.parentJoint] if item.parentJoint else -1
         at = np.flatnonzero(columns == column)
         placement = item.placement if len(at) else data.oMi[item.parentJoint] * item.placement
-        capsules = _known(known, item.geometry, len(at) > 0)
-        numbers_of.append(range(len(radii), len(radii) + len(capsules)))
-        joints += [int(at[0]) if len(at) else STATIC] * len(capsules)
-        holds += [int(column) in lasts] * len(capsules)
-        for start, end, radius in capsules:
-            ends.append([placement.rotation @ p + placement.translation for p in (start, end)])
-            radii.append(radius)
-    joint, placed = np.array(joints, dtype=np.int64), np.array(ends, dtype=float).reshape(-1, 2, 3)
-    arm_of = np.where(joint == STATIC, -1, of_arm[joint])
-    bodies = np.repeat(np.arange(len(numbers_of)), [len(numbers) for numbers in numbers_of])
-    _, group = np.unique(np.where(joint == STATIC, len(columns) + bodies, joint), return_inverse=True)
+        for near in _clusters(_known(known, item.geometry, len(at) > 0)):
+            clusters += [int(at[0]) if len(at) else len(columns) + len(clusters)] * len(near)
+            joints += [int(at[0]) if len(at) else STATIC] * len(near)
+            owner += [number] * len(near)
+            for start, end, radius in near:
+                ends.append([placement.rotation @ p + placement.translation for p in (start, end)])
+                radii.append(radius)
+    placed, thick = np.array(ends, dtype=float).reshape(-1, 2, 3), np.array(radii, dtype=float)
+    numbers, group = np.unique(np.array(clusters, dtype=np.int64), return_inverse=True)
+    rods = [_rod_of_group(placed, thick, np.flatnonzero(group == g)) for g in range(len(numbers))]
+    first, group_reach, group_radius = np.array(rods).reshape(-1, 3).T.copy()
+    is_other = ~np.isin(np.arange(len(thick)), first)
+    order = np.lexsort((is_other, group))
+    joint, group = np.array(joints, dtype=np.int64)[order], group[order]
+    bodies, placed, thick = np.array(owner, dtype=np.int64)[order], placed[order], thick[order]
+    of_body = [np.flatnonzero(bodies == number).tolist() for number in range(collision.ngeoms)]
     pairs = [
         (i, j)
         for pair in collision.collisionPairs
-        for i in numbers_of[pair.first]
-        for j in numbers_of[pair.second]
+        for i in of_body[pair.first]
+        for j in of_body[pair.second]
         if joint[i] != STATIC or joint[j] != STATIC
     ]
     pairs.sort(key=lambda pair: (group[pair[0]], group[pair[1]]))
-    numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    thick, (centers, counts) = np.array(radii, dtype=float), _group_centers(placed, group)
-    centers[np.unique(group[joint != STATIC])] = 0.0
+    paired = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     links = Links(
         joint=joint,
-        arm=arm_of,
+        arm=np.where(joint == STATIC, -1, of_arm[joint]),
         start=placed[:, 0].copy(),
         end=placed[:, 1].copy(),
         radius=thick,
         reach=thick + 0.5 * np.linalg.norm(placed[:, 1] - placed[:, 0], axis=1),
-        pairs=numbers,
-        wider=np.zeros(len(numbers)),
-        runs=_runs(group[numbers]),
+        pairs=paired,
+        wider=np.zeros(len(paired)),
+        runs=_runs(group[paired]),
         group=group,
-        group_radius=_group_radii(placed, thick, group),
-        group_center=centers,
-        group_count=counts,
-        holds=np.array(holds, dtype=bool),
-        moving=np.concatenate([np.flatnonzero(arm_of == k) for k in range(len(arms))]),
+        group_first=np.searchsorted(group, np.arange(len(numbers) + 1)),
+        group_reach=group_reach,
+        group_radius=group_radius,
+        holds=np.isin(columns[joint], list(lasts)) & (joint != STATIC),
+        moving=np.flatnonzero(joint != STATIC),
     )
     return links, bodies
 
 
-def _group_radii(ends: Array, radii: Array, group: Integers) -> Array:
-    """Compute the radii of balls around groups of capsules; array, shape (n_groups,) [m].
+def _clusters(capsules: list[LinkCapsule], most: int = 8) -> list[list[LinkCapsule]]:
+    """Divide a body's capsules into compact sets of at most `most`."""
+    if len(capsules) <= most:
+        return [capsules]
+    middles = np.array([0.5 * (capsule.start + capsule.end) for capsule in capsules])
+    order = np.argsort(middles[:, np.ptp(middles, axis=0).argmax()], kind="stable").tolist()
+    half = len(order) // 2
+    parts = ([capsules[k] for k in some] for some in (order[:half], order[half:]))
+    return [cluster for part in parts for cluster in _clusters(part, most)]
+
+
+def _rod_of_group(ends: Array, radii: Array, group: Integers) -> tuple[int, float, float]:
+    """Return the most central of some capsules, with radii about it [m].
+
+    The radii are those of a ball about its middle and of a capsule about its axis that hold all.
 
     Parameters
     ----------
     ends : array, shape (n_links, 2, 3), ends of the capsules' axes in one frame for each group [m]
+    group : array, shape (n,), numbers of the capsules of one group
     """
-    found, (centers, _) = np.zeros(group.max(initial=-1) + 1), _group_centers(ends, group)
-    away = np.linalg.norm(ends - centers[group, None], axis=2).max(axis=1, initial=0.0)
-    np.maximum.at(found, group, away + radii)
-    return found
-
-
-def _group_centers(ends: Array, group: Integers) -> tuple[Array, Array]:
-    """Compute means of middles of capsule groups, (n_groups, 3) [m], and counts."""
-    total, counts = np.zeros((group.max(initial=-1) + 1, 3)), np.bincount(group).astype(np.float64)
-    np.add.at(total, group, ends.mean(axis=1))
-    return total / counts[:, None], counts
+    points, thick = ends[group].reshape(-1, 3), np.repeat(radii[group], 2)
+    away = np.linalg.norm(points - ends[group].mean(axis=1)[:, None], axis=2) + thick
+    k = int(away.max(axis=1).argmin())
+    (start, end), first = ends[group[k]], ends[group[k], 0]
+    axis = end - start
+    share = np.clip((points - first) @ axis / max(float(axis @ axis), 1e-18), 0.0, 1.0)
+    aside = np.linalg.norm(points - first - share[:, None] * axis, axis=1) + thick
+    aside[2 * k : 2 * k + 2] = radii[group[k]]  # without rounding
+    return int(group[k]), float(away[k].max()), float(aside.max())
 
 
 def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> list[LinkCapsule]:
@@ -447,9 +461,16 @@ def clearance_around(
     cap: float,
 ) -> float:
     """Compute links' least distance from obstacles and payload [m], at most `cap`."""
-    least = cap
+    least, seen, is_near = cap, -1, False
     for i in links.moving:
-        least = _from_obstacles(around, instant, start[i], end[i], links.radius[i], least)
+        if links.group[i] != seen:  # of whose links none may be near
+            seen = links.group[i]
+            wide = links.group_radius[seen]
+            is_near = wide <= links.radius[i] or (
+                _from_obstacles(around, instant, start[i], end[i], wide, least) < least
+            )
+        if is_near:
+            least = _from_obstacles(around, instant, start[i], end[i], links.radius[i], least)
     return min(load_clearances(links, around, start, end, nodes, least))
 
 
@@ -470,21 +491,30 @@ def load_clearances(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> tuple[float, float]:
     """Compute the payload's least distances [m] from moving and static links. Each is at most `cap`."""
-    moving, still, (x, y, z, size) = cap, cap, _ball_about_load(around, nodes)
-    for i in range(links.joint.shape[0]):
-        if links.holds[i]:
+    moving, still, ball = cap, cap, _ball_about_load(around, nodes)
+    for g in range(links.group_reach.shape[0]):
+        first = links.group_first[g]
+        is_still = links.joint[first] == STATIC
+        least = still if is_still else moving
+        if links.holds[first] or not _may_touch(ball, start[first], end[first], links.group_reach[g] + least):
             continue
-        a, b, least = start[i], end[i], still if links.joint[i] == STATIC else moving
-        u, v, w = 0.5 * (a[0] + b[0]) - x, 0.5 * (a[1] + b[1]) - y, 0.5 * (a[2] + b[2]) - z
-        far = size + links.reach[i] + least
-        if u * u + v * v + w * w > far * far:
-            continue
-        least = _from_load(around, a, b, links.radius[i], nodes, least)
-        if links.joint[i] == STATIC:
+        for i in range(first, links.group_first[g + 1]):
+            if _may_touch(ball, start[i], end[i], links.reach[i] + least):
+                least = _from_load(around, start[i], end[i], links.radius[i], nodes, least)
+        if is_still:
             still = least
         else:
             moving = least
     return moving, still
+
+
+@kernel(counted=False)
+def _may_touch(ball: tuple[float, float, float, float], a: Array, b: Array, reach: float) -> bool:
+    """Return whether a ball is within `reach` [m] of a rod's middle."""
+    x, y, z, size = ball
+    u, v, w = 0.5 * (a[0] + b[0]) - x, 0.5 * (a[1] + b[1]) - y, 0.5 * (a[2] + b[2]) - z
+    far = size + reach
+    return u * u + v * v + w * w <= far * far
 
 
 @kernel
@@ -533,38 +563,30 @@ def links_near(
 @kernel
 def clearance_between(links: Links, start: Array, end: Array, cap: float) -> float:
     """Compute the links' least distance [m] from each other, at most `cap`."""
-    least, middle, centre = cap, np.empty_like(start), links.group_center.copy()
+    least, middle = cap, np.empty_like(start)
     for i in range(start.shape[0]):
-        middle[i, 0] = 0.5 * (start[i, 0] + end[i, 0])
-        middle[i, 1] = 0.5 * (start[i, 1] + end[i, 1])
-        middle[i, 2] = 0.5 * (start[i, 2] + end[i, 2])
-    for i in links.moving:
-        g = links.group[i]
         for x in range(3):
-            centre[g, x] += middle[i, x] / links.group_count[g]
+            middle[i, x] = 0.5 * (start[i, x] + end[i, x])
     for run in range(links.runs.shape[0]):
-        a, b, first, last = links.runs[run]
-        x, y, z = centre[a, 0] - centre[b, 0], centre[a, 1] - centre[b, 1], centre[a, 2] - centre[b, 2]
-        far = links.group_radius[a] + links.group_radius[b] + least
-        if far <= 0.0 or x * x + y * y + z * z >= far * far:
+        one, two, first, last = links.runs[run]
+        a, b = links.group_first[one], links.group_first[two]
+        far = links.group_reach[one] + links.group_reach[two] + least
+        if not _are_near(middle, a, b, far):
             continue
         seen, is_near = -1, False
         for p in range(first, last):
-            i = links.pairs[p, 0]
+            i, j = links.pairs[p, 0], links.pairs[p, 1]
             if i != seen:  # of the pairs with the same first link, none may be near
-                x, y, z = (
-                    middle[i, 0] - centre[b, 0],
-                    middle[i, 1] - centre[b, 1],
-                    middle[i, 2] - centre[b, 2],
-                )
-                far = links.reach[i] + links.group_radius[b] + least
-                seen, is_near = i, far > 0.0 and x * x + y * y + z * z < far * far
-            if not is_near:
-                continue
-            j = links.pairs[p, 1]
-            x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
-            far = links.reach[i] + links.reach[j] + least - links.wider[p]
-            if far > 0.0 and x * x + y * y + z * z < far * far:
+                far = links.reach[i] + links.group_reach[two] + least
+                seen, is_near = i, _are_near(middle, i, b, far)
+            if is_near and _are_near(middle, i, j, links.reach[i] + links.reach[j] + least - links.wider[p]):
                 thick = links.radius[i] + links.radius[j] - links.wider[p]
                 least = min(least, nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
     return least
+
+
+@kernel(counted=False)
+def _are_near(middle: Array, i: int, j: int, far: float) -> bool:
+    """Return whether two of the points are less than `far` [m] apart."""
+    x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
+    return far > 0.0 and x * x + y * y + z * z < far * far

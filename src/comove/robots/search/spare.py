@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from comove.robots.search.links import (
 
 EXACT = SEARCHING._replace(tolerance=1e-8)
 """Iteration for differences, where the end of an arm's reach is seen by how its joints turn."""
+N_KNOWN = 8  # motions whose joints are kept
 
 
 class FollowerSettings(NamedTuple):
@@ -63,6 +64,7 @@ class ArmsFollower:
     at_ends : array, shape (n_kinds,), least distances at start and goal [m]
     settings : settings of the following arms
     strict : how often more clearance than the required one is added
+    known : the latest results by keypoints, oldest first, for all copies
     """
 
     arms: Arms
@@ -70,6 +72,7 @@ class ArmsFollower:
     at_ends: Array
     settings: FollowerSettings = SETTINGS
     strict: int = 1
+    known: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)
 
     @classmethod
     def near(
@@ -95,8 +98,18 @@ class ArmsFollower:
         return np.minimum(self.at_ends, np.concatenate([reach, clearance]))
 
     def follow(self, nodes: Array) -> tuple[Array, Array]:
-        """Compute joints along a motion, (n_samples, n_joints), and distances, (n_samples, n_kinds) [m]."""
-        return spare_along(self.arms, np.ascontiguousarray(nodes), self.course, self.settings.lever)
+        """Compute joints along a motion, (n_samples, n_joints), and distances, (n_samples, n_kinds) [m].
+
+        Half of all motions are asked for again: where a step ends, the next one begins.
+        """
+        key = nodes.tobytes()
+        if key not in self.known:
+            if len(self.known) == N_KNOWN:
+                del self.known[next(iter(self.known))]
+            self.known[key] = spare_along(
+                self.arms, np.ascontiguousarray(nodes), self.course, self.settings.lever
+            )
+        return self.known[key]
 
     def slopes(self, blocks: Blocks, q: Array, joints: Array, spare: Array) -> Array:
         """Compute the derivatives of distances by the configurations `q`; array, shape (n_samples, n_kinds,

@@ -402,44 +402,47 @@ class Inertias(NamedTuple):
         )
 
 
-def inverse_dynamics(robot: Robot, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
-    """Compute the joints' torques by recursive Newton-Euler (Luh, Walker & Paul, 1980).
+def inverse_dynamics(
+    robot: Robot, inertias: Inertias, q: Array, rates: Array, bends: Array, own: Inertias
+) -> Array:
+    """Compute the motors' torques by recursive Newton-Euler (Luh, Walker & Paul, 1980).
 
     Parameters
     ----------
-    q, rates, bends : arrays, shape (n_steps, n_joints), positions, rates and second derivatives of the joints; no
-        rates and second derivatives for joints at rest
+    q, rates, bends : arrays, shape (n_steps, n_joints), positions, rates and second derivatives of the joints
+    own : masses of the robot alone; springs hold the share `robot.relief` of their weight
 
     Returns
     -------
     array, shape (n_steps, n_joints) [N m, N for joints that slide]
     """
-    return _driven(tree_of(robot), inertias, *map(np.ascontiguousarray, (q, rates, bends)))
+    motion = map(np.ascontiguousarray, (q, rates, bends))
+    return _driven(tree_of(robot), inertias, own, robot.relief, *motion)
 
 
 @kernel
-def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: Array) -> Array:
+def _driven(
+    tree: JointTree, inertias: Inertias, own: Inertias, relief: Array, q: Array, rates: Array, bends: Array
+) -> Array:
     """Compute `inverse_dynamics` in a kernel. All vectors are in the frames of their joints."""
-    n_frames, result = tree.parents.shape[0], np.empty(q.shape)
+    n_frames, result, springs = tree.parents.shape[0], np.empty(q.shape), relief.any()
     turn, arm = np.empty((n_frames, 3, 3)), np.empty((n_frames, 3))
     spin, swing, pull = np.zeros((n_frames, 3)), np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
     force, moment = np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
-    rests = rates.shape[0] == 0
+    fall, weight, tilt = np.zeros((n_frames, 3)), np.zeros((n_frames, 3)), np.zeros((n_frames, 3))
     for a in range(3):
-        pull[0, a] = -inertias.gravity[a]
+        pull[0, a] = fall[0, a] = -inertias.gravity[a]
     for t in range(q.shape[0]):
         for j in range(1, n_frames):
             i, k, r, u = tree.parents[j], tree.columns[j], turn[j], tree.own[j]
             _place_joint(tree, j, q[t, k], r, arm[j])
-            if rests:
-                px, py, pz = _seen(r, pull[i, 0], pull[i, 1], pull[i, 2])
-                mass, center = inertias.mass[j], inertias.center[j]
-                x, y, z = center[0], center[1], center[2]
+            if springs:  # which hold what the robot weighs at rest
+                px, py, pz = _seen(r, fall[i, 0], fall[i, 1], fall[i, 2])
+                mass, x, y, z = own.mass[j], own.center[j, 0], own.center[j, 1], own.center[j, 2]
                 fx, fy, fz = mass * px, mass * py, mass * pz
-                pull[j, 0], pull[j, 1], pull[j, 2] = px, py, pz
-                force[j, 0], force[j, 1], force[j, 2] = fx, fy, fz
-                moment[j, 0], moment[j, 1], moment[j, 2] = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
-                continue
+                fall[j, 0], fall[j, 1], fall[j, 2] = px, py, pz
+                weight[j, 0], weight[j, 1], weight[j, 2] = fx, fy, fz
+                tilt[j, 0], tilt[j, 1], tilt[j, 2] = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
             rate, bend, slides = rates[t, k], bends[t, k], tree.slides[j]
             # how the frame before accelerates where this one is
             sx, sy, sz, wx, wy, wz = spin[i, 0], spin[i, 1], spin[i, 2], swing[i, 0], swing[i, 1], swing[i, 2]
@@ -475,21 +478,31 @@ def _driven(tree: JointTree, inertias: Inertias, q: Array, rates: Array, bends: 
             moment[j, 1] = my + sz * lx - sx * lz + z * fx - x * fz
             moment[j, 2] = mz + sx * ly - sy * lx + x * fy - y * fx
         for j in range(n_frames - 1, 0, -1):
-            i, k, r, u = tree.parents[j], tree.columns[j], turn[j], tree.own[j]
-            carried = force[j] if tree.slides[j] else moment[j]
-            own = u[0] * carried[0] + u[1] * carried[1] + u[2] * carried[2]
-            result[t, k] = own if rests else inertias.armature[k] * bends[t, k] + own
-            if i == 0:
-                continue
-            x, y, z, mx, my, mz = arm[j, 0], arm[j, 1], arm[j, 2], moment[j, 0], moment[j, 1], moment[j, 2]
-            fx = r[0, 0] * force[j, 0] + r[0, 1] * force[j, 1] + r[0, 2] * force[j, 2]
-            fy = r[1, 0] * force[j, 0] + r[1, 1] * force[j, 1] + r[1, 2] * force[j, 2]
-            fz = r[2, 0] * force[j, 0] + r[2, 1] * force[j, 1] + r[2, 2] * force[j, 2]
-            force[i, 0], force[i, 1], force[i, 2] = force[i, 0] + fx, force[i, 1] + fy, force[i, 2] + fz
-            moment[i, 0] += r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + y * fz - z * fy
-            moment[i, 1] += r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + z * fx - x * fz
-            moment[i, 2] += r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + x * fy - y * fx
+            k, u, slides = tree.columns[j], tree.own[j], tree.slides[j]
+            carried = force[j] if slides else moment[j]
+            held = u[0] * carried[0] + u[1] * carried[1] + u[2] * carried[2]
+            result[t, k] = inertias.armature[k] * bends[t, k] + held
+            _passed_on(tree.parents[j], j, turn[j], arm[j], force, moment)
+            if springs:
+                carried = weight[j] if slides else tilt[j]
+                result[t, k] -= relief[k] * (u[0] * carried[0] + u[1] * carried[1] + u[2] * carried[2])
+                _passed_on(tree.parents[j], j, turn[j], arm[j], weight, tilt)
     return result
+
+
+@kernel
+def _passed_on(i: int, j: int, r: Array, arm: Array, force: Array, moment: Array) -> None:
+    """Add a joint's force and moment to those of the joint before."""
+    if i == 0:
+        return
+    x, y, z, mx, my, mz = arm[0], arm[1], arm[2], moment[j, 0], moment[j, 1], moment[j, 2]
+    fx = r[0, 0] * force[j, 0] + r[0, 1] * force[j, 1] + r[0, 2] * force[j, 2]
+    fy = r[1, 0] * force[j, 0] + r[1, 1] * force[j, 1] + r[1, 2] * force[j, 2]
+    fz = r[2, 0] * force[j, 0] + r[2, 1] * force[j, 1] + r[2, 2] * force[j, 2]
+    force[i, 0], force[i, 1], force[i, 2] = force[i, 0] + fx, force[i, 1] + fy, force[i, 2] + fz
+    moment[i, 0] += r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + y * fz - z * fy
+    moment[i, 1] += r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + z * fx - x * fz
+    moment[i, 2] += r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + x * fy - y * fx
 
 
 @kernel
