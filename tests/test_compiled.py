@@ -345,6 +345,16 @@ def test_a_large_kernel_is_called_by_its_symbol_and_a_small_one_is_not_called_at
     assert called(10**9) == [False, False]
 
 
+@pytest.mark.parametrize("n", [0, 1, 2, 7, 64, 101])
+def test_orders_are_sorted_stably(n):
+    rng = np.random.default_rng(n)
+    keys, order = rng.integers(0, 9, n + 4).astype(float), rng.permutation(n + 4)
+    expected = order.copy()
+    expected[2 : 2 + n] = expected[2 : 2 + n][np.argsort(keys[expected[2 : 2 + n]], kind="stable")]
+    kernels.sort_by(keys, order, 2, 2 + n, np.empty_like(order))
+    np.testing.assert_array_equal(order, expected)
+
+
 def test_kernels_that_count_no_references_leave_them_as_they_were_and_allocate_none():
     @kernels.kernel(counted=False)
     def total(arrays):

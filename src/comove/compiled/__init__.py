@@ -1,5 +1,5 @@
 """Functions compiled by numba: the decorator `kernel` and its parts."""
 
-from comove.compiled.kernels import Question, copy_to, kernel
+from comove.compiled.kernels import Question, copy_to, kernel, sort_by
 
-__all__ = ["Question", "copy_to", "kernel"]
+__all__ = ["Question", "copy_to", "kernel", "sort_by"]

@@ -371,6 +371,33 @@ def _code_of(compiled: Any) -> Any:
 
 
 @kernel
+def sort_by(keys: Any, order: Any, begin: int, end: int, spare: Any) -> None:
+    """Sort a part of an order by keys; equal ones keep their order. numba's own sorts take seconds to compile.
+
+    Parameters
+    ----------
+    keys : array, shape (n,)
+    order : array of int, shape (n,), indices into `keys`; those from `begin` to `end` are sorted
+    spare : array of int, shape (n,), memory
+    """
+    width = 1
+    while width < end - begin:
+        for low in range(begin, end, 2 * width):
+            middle, high = min(low + width, end), min(low + 2 * width, end)
+            i, j = low, middle
+            for k in range(low, high):
+                if j == high or (i < middle and keys[order[i]] <= keys[order[j]]):
+                    spare[k] = order[i]
+                    i += 1
+                else:
+                    spare[k] = order[j]
+                    j += 1
+        for k in range(begin, end):
+            order[k] = spare[k]
+        width *= 2
+
+
+@kernel
 def copy_to(source: Any, target: Any) -> None:
     """Copy a vector to a row of an array. Assignment to a slice would take seconds to compile."""
     for c in range(source.shape[0]):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array, Integers
-from comove.compiled import copy_to, kernel
+from comove.compiled import copy_to, kernel, sort_by
 from comove.geometry.distances import has_last_before, nearest_of_simplex
 
 LEAF = 4  # triangles
@@ -167,11 +167,11 @@ def surface_of(triangles: Array, n_closed: int) -> Surfaces:
     n_closed : number of the first triangles that close solids, which are turned outwards
     """
     side = np.repeat([1.0, 0.0], [n_closed, len(triangles) - n_closed])
-    sorted_, order, *boxes = _built(np.ascontiguousarray(triangles))
+    order, *boxes = _built(np.ascontiguousarray(triangles))
     zero = np.zeros(1, dtype=np.int64)
     closed = np.array([n_closed > 0])
     own = zero, closed, zero, zero, np.zeros((1, 3)), np.zeros(1)
-    return Surfaces(sorted_, side[order], *boxes, *own)  # type: ignore[call-arg]
+    return Surfaces(triangles[order], side[order], *boxes, *own)  # type: ignore[call-arg]
 
 
 @kernel
@@ -188,19 +188,19 @@ def _built(triangles):
 
     Returns
     -------
-    triangles : array, shape (n, 3, 3), sorted by box [m]
-    order : array of int, shape (n,), number that each of them had before
+    order : array of int, shape (n,), triangles by box
     lower, upper, right, first, count : the boxes, as in `Surfaces`
     """
     n = triangles.shape[0]
-    order = np.arange(n)
-    middle = np.empty((n, 3))
+    order, spare = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    middle = np.empty((3, n))
     for i in range(n):
+        order[i] = i
         for axis in range(3):
-            middle[i, axis] = triangles[i, 0, axis] + triangles[i, 1, axis] + triangles[i, 2, axis]
+            middle[axis, i] = triangles[i, 0, axis] + triangles[i, 1, axis] + triangles[i, 2, axis]
     most = 2 * n
     lower, upper = np.empty((most, 3)), np.empty((most, 3))
-    right, first = np.full(most, -1, dtype=np.int64), np.empty(most, dtype=np.int64)
+    right, first = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
     count = np.empty(most, dtype=np.int64)
     stack = np.empty((DEPTH, 3), dtype=np.int64)  # begin, end, whose right child
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, n, -1
@@ -212,10 +212,11 @@ def _built(triangles):
         boxes += 1
         if parent >= 0:
             right[parent] = box
-        first[box], count[box] = begin, end - begin
+        right[box], first[box], count[box] = -1, begin, end - begin
         for axis in range(3):
             low, high = np.inf, -np.inf
-            for i in order[begin:end]:
+            for k in range(begin, end):
+                i = order[k]
                 for corner in range(3):
                     low, high = min(low, triangles[i, corner, axis]), max(high, triangles[i, corner, axis])
             lower[box, axis], upper[box, axis] = low, high
@@ -223,17 +224,18 @@ def _built(triangles):
             continue
         widest, axis = -1.0, 0
         for k in range(3):
-            own = middle[order[begin:end], k]
-            if own.max() - own.min() > widest:
-                widest, axis = own.max() - own.min(), k
+            low, high = np.inf, -np.inf
+            for i in range(begin, end):
+                low, high = min(low, middle[k, order[i]]), max(high, middle[k, order[i]])
+            if high - low > widest:
+                widest, axis = high - low, k
         # Ties keep their order, so that the tree is the same on every machine.
-        part = order[begin:end][np.argsort(middle[order[begin:end], axis], kind="mergesort")]
-        order[begin:end] = part
+        sort_by(middle[axis], order, begin, end, spare)
         half = (begin + end) // 2
         stack[top, 0], stack[top, 1], stack[top, 2] = half, end, box
         stack[top + 1, 0], stack[top + 1, 1], stack[top + 1, 2] = begin, half, -1
         top += 2
-    return triangles[order], order, lower[:boxes], upper[:boxes], right[:boxes], first[:boxes], count[:boxes]
+    return order, lower[:boxes], upper[:boxes], right[:boxes], first[:boxes], count[:boxes]
 
 
 @kernel
@@ -347,7 +349,9 @@ def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
     """
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
-        low[axis], high[axis] = points[:, axis].min(), points[:, axis].max()
+        low[axis], high[axis] = np.inf, -np.inf
+        for i in range(points.shape[0]):
+            low[axis], high[axis] = min(low[axis], points[i, axis]), max(high[axis], points[i, axis])
     normal, scratch = np.array([1.0, 0.0, 0.0]), np.empty((3, 4, 3))
     stack = np.empty(DEPTH, dtype=np.int64)
     stack[0], top, least = surfaces.root[mesh], 1, cutoff
@@ -501,7 +505,8 @@ def _deepest(triangle, points, wide, normal):
         return min(wide, 0.0)
     across = np.array([x / length, y / length, z / length])
     for _ in range(2):
-        across *= -1.0
+        for axis in range(3):
+            across[axis] *= -1.0
         gap = triangle_gap(triangle, points, across)
         if gap > wide:
             wide = gap

@@ -183,9 +183,11 @@ def along(space, path, shares):
     reached = np.zeros(n)
     for i in range(n - 1):
         reached[i + 1] = reached[i] + span(space, path[i], path[i + 1])
-    out = np.empty((shares.shape[0], shares.shape[1], path.shape[1]))
+    out, at = np.empty((shares.shape[0], shares.shape[1], path.shape[1])), np.empty(shares.shape[1])
     for profile in range(shares.shape[0]):
-        sample(space, path, reached, shares[profile] * reached[n - 1], out[profile])
+        for k in range(shares.shape[1]):
+            at[k] = shares[profile, k] * reached[n - 1]
+        sample(space, path, reached, at, out[profile])
     return out
 
 

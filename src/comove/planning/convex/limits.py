@@ -168,7 +168,10 @@ def _cuts(n_dims, hands, slopes, shape, orders, values, pace, dz, dp, share):
         o, row, h = active[r]
         first, count, sign = stencil(orders[o], row, n_samples)
         scale, slower = sign * (n_samples - 1.0) ** orders[o] / values[o], orders[o] * pace ** (orders[o] - 1)
-        size = sqrt((rates[o, row, h : h + n_dims] ** 2).sum())
+        square = 0.0
+        for d in range(h, h + n_dims):
+            square += rates[o, row, d] ** 2
+        size = sqrt(square)
         for j in range(count):
             for c in range(n_columns):
                 along = 0.0

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from comove.arrays import Array, Integers
-from comove.compiled import kernel
+from comove.compiled import copy_to, kernel
 
 PROUD, PROUDEST = 0.04, 0.003  # by which bodies may stick out: share of the radius, and m, at most
 FINE, MOST_PARTS = 0.01, 100  # m, between points of a surface, and parts of an edge at most
@@ -183,7 +183,9 @@ def _held(points: Array, across: Array, direction: Array, wider: Array) -> tuple
         for k in range(2):
             flat[i, k] = x * across[k, 0] + y * across[k, 1] + z * across[k, 2]
             low[k], high[k] = min(low[k], flat[i, k]), max(high[k], flat[i, k])
-    middle, least = _circle(flat, 0.5 * (low + high))
+    for k in range(2):
+        low[k] = 0.5 * (low[k] + high[k])
+    middle, least = _circle(flat, low)
     proud, best, found = min(PROUD * least, PROUDEST), np.inf, (0.0, 0.0, 0.0)
     for factor in wider:
         radius, first, last = factor * (least - proud) + 1e-9, np.inf, -np.inf  # of rounding
@@ -201,8 +203,11 @@ def _held(points: Array, across: Array, direction: Array, wider: Array) -> tuple
 
 @kernel
 def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, float]:
-    """Compute a small circle around points (n_points, 2) from a first centre. See Badoiu and Clarkson (2003)."""
-    middle, least = centre.copy(), np.inf
+    """Compute a small circle around points (n_points, 2). See Badoiu and Clarkson (2003).
+
+    `centre`, of the first circle, is overwritten.
+    """
+    middle, least = np.empty(2), np.inf
     for k in range(n_steps):
         furthest, square = 0, -1.0
         for i in range(points.shape[0]):
@@ -210,8 +215,10 @@ def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, flo
             if away > square:
                 furthest, square = i, away
         if square < CLEARLY * least:
-            least, middle = square, centre.copy()
-        centre = centre + (points[furthest] - centre) / (k + 2)
+            least = square
+            copy_to(centre, middle)
+        for axis in range(2):
+            centre[axis] += (points[furthest, axis] - centre[axis]) / (k + 2)
     return middle, np.sqrt(least)
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.compiled import kernel
+from comove.compiled import kernel, sort_by
 from comove.contacts.displaced import instant_at
 from comove.model.moving import Displacements
 from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
@@ -92,12 +92,16 @@ def solutions(
     first : iteration from each seed
     n_patient : nearest joints from which a patient one goes on where none has the pose
     """
-    missing, least = np.empty(seeds.shape[0]), np.inf
-    for k in range(seeds.shape[0]):
+    n, least = seeds.shape[0], np.inf
+    missing, order = np.empty(n), np.empty(n, dtype=np.int64)
+    for k in range(n):
+        order[k] = k
         missing[k] = reach_pose(chains, arm, rotation, point, posture, first, seeds[k])
         least = min(least, missing[k])
     if least > first.tolerance:
-        for k in np.argsort(missing)[:n_patient]:
+        sort_by(missing, order, 0, n, np.empty(n, dtype=np.int64))
+        for place in range(min(n, n_patient)):
+            k = order[place]
             missing[k] = reach_pose(chains, arm, rotation, point, posture, PATIENT, seeds[k])
     return seeds, missing
 
