@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from comove.arrays import Array, first_largest
 from comove.compiled import kernel
-from comove.contacts.displaced import RESTING, instant_at
+from comove.contacts.displaced import RESTING
 from comove.contacts.query import Query, least_distance, separating
 from comove.contacts.surroundings import Surroundings, from_border, surroundings_of
 from comove.geometry.distances import point_distance
@@ -33,11 +33,10 @@ from comove.model.coordinates import (
     Blocks,
     Coordinates,
 )
-from comove.model.moving import Displacements
 from comove.model.resting import lift_direction
 from comove.model.scene import Scene
 from comove.planning.clock import clock_until, worked
-from comove.planning.timing import drift, too_fast, write_time
+from comove.planning.timing import Timing, drift, instant_of, too_fast, write_time
 
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
 SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments
@@ -73,7 +72,7 @@ class Space(NamedTuple):
     blocks : map from a configuration to nodes
     reach : array, shape (n_blocks,), distance from a group's centre to its furthest point [m]
     around : payload and all that it must not touch
-    resting : displacements of obstacles that are where they are at 0 s: none
+    untimed : timing of nodes without times, among obstacles where they are at 0 s
     query : things and accuracy of clearances
     required : clearance that the scene requires [m]
     cap : largest clearance that is computed [m]
@@ -87,7 +86,7 @@ class Space(NamedTuple):
     blocks: Blocks
     reach: Array
     around: Surroundings
-    resting: Displacements
+    untimed: Timing
     query: Query
     required: float
     cap: float
@@ -111,7 +110,7 @@ def configuration_space(
         coordinates.blocks,
         reach,
         around,
-        scene.displacements(np.zeros(0)),
+        Timing.none(scene.displacements(np.zeros(0))),
         Query(np.arange(around.n_things), normals, np.zeros(0), tolerance, tolerance),
         scene.clearance,
         settings.cap + scene.clearance,
@@ -159,15 +158,13 @@ def clearance_of(space, q, nodes, floor):
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
-    return _clearance_at(space, space.resting, RESTING, q, nodes, floor)
+    return _clearance_at(space, space.untimed.moved, RESTING, q, nodes, floor)
 
 
 @kernel(counted=False)
 def clearance_in_time(space, timing, node, nodes, floor):
     """Return `clearance_of` a node at its time; `timing` as of an edge."""
-    if timing is None:
-        return clearance_of(space, node, nodes, floor)
-    return _clearance_at(space, timing.moved, instant_at(timing.moved, node[-1]), node, nodes, floor)
+    return _clearance_at(space, timing.moved, instant_of(timing, node), node, nodes, floor)
 
 
 @kernel(counted=False)
@@ -290,7 +287,7 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
     p, q, scratch : arrays, shape (n_columns or more,); scratch is overwritten
     nodes : scratch space, array, shape (n_nodes, 3)
     """
-    return edge_is_free_in_time(space, None, p, q, margin, scratch, nodes)
+    return edge_is_free_in_time(space, space.untimed, p, q, margin, scratch, nodes)
 
 
 @kernel(counted=False)
@@ -299,7 +296,7 @@ def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
 
     Parameters
     ----------
-    timing : Timing, None where nodes have no time
+    timing : times of nodes
     p, q, margin, scratch, nodes : as of `edge_is_free`; a time is the last entry of a node
     """
     moved = span(space, p, q)

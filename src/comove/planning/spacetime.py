@@ -62,6 +62,7 @@ def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS
     resting = space.around.obstacles
     moved = scene.displacements(np.linspace(0.0, scene.duration, settings.n_intervals + 1))
     timing = Timing(
+        True,
         moved,
         fastest_point(resting, moved),
         np.inf,

@@ -39,7 +39,7 @@ class World(NamedTuple):
     Attributes
     ----------
     space : space of the payload
-    timing : times of nodes; None where no obstacle moves
+    timing : times of nodes
     arms : object with `follow` and `reaches`, and the fields `n_columns` (of a configuration), `course` (joints at
         both ends, array of shape (2, n_joints)) and `settings`, as `robots.search.planner.CarryingArms`; None for
         free end effectors
@@ -47,18 +47,18 @@ class World(NamedTuple):
     """
 
     space: Space
-    timing: Timing | None
+    timing: Timing
     arms: Any
     clock: Array
 
     @classmethod
     def of(cls, space: Space, timing: Timing | None = None, arms: Any = None) -> World:
         """Return the world of a space."""
-        return cls(space, timing, arms, space.clock)
+        return cls(space, timing or space.untimed, arms, space.clock)
 
     def paced(self, speed: float, share: float = 1.0) -> World:
         """Return the world with another speed limit and joint share. The speed is the payload's [m a duration]."""
-        assert self.timing is not None, "nodes have times"
+        assert self.timing.timed, "nodes have times"
         return self._replace(timing=self.timing._replace(speed=speed, share=share))
 
 
@@ -126,7 +126,7 @@ def _nearest(world, tree, count, q):
 @kernel
 def _nearest_in_time(timing, space, tree, count, q):
     """Return the nearest node that reaches q in time; -1 if there is none."""
-    if timing is None:
+    if not timing.timed:
         return nearest(space, tree, count, q)
     best, least, later = -1, np.inf, tree[0, -1] == 0.0
     for i in range(count):
@@ -150,7 +150,7 @@ def _draw(world, nodes, counts, this, rng, out):
 @kernel
 def _drawn_in_time(timing, space, nodes, counts, this, rng, out):
     """Write a random node that both ends reach in time; return success."""
-    if timing is None:
+    if not timing.timed:
         random_configuration(space, rng, out)
         return True
     if rng.random() < timing.waiting:
@@ -186,7 +186,7 @@ def _length(world, p, q):
 
 @kernel
 def _length_in_time(timing, space, p, q):
-    if timing is None:
+    if not timing.timed:
         return span(space, p, q)
     return abs(q[-1] - p[-1])
 
@@ -210,7 +210,7 @@ def _payload_is_free(arms, world, p, q, margin):
 
 @kernel
 def _shortens_in_time(timing, space, p, q, way):
-    if timing is None:
+    if not timing.timed:
         return span(space, p, q) <= way
     return span(space, p, q) <= timing.speed * abs(q[-1] - p[-1])
 

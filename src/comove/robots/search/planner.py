@@ -107,8 +107,8 @@ def plan_with_arms(
     arrays, shapes (n_configurations, n_columns), (n_configurations, n_joints) and (n_configurations, 0 or 1):
     configurations, their joints, and their normalised times, if any
     """
-    space, n, timed = world.space, len(start[0]), world.timing is not None
-    if world.timing is not None:
+    space, n, timed = world.space, len(start[0]), world.timing.timed
+    if timed:
         arms = arms.among(space.around.obstacles, world.timing.moved)
     nodes = [np.concatenate([*end, [t] * timed]) for end, t in ((start, 0.0), (goal, 1.0))]
     scratch, spare, at_ends = np.empty((space.blocks.node.shape[0], 3)), [], []
