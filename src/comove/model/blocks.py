@@ -87,11 +87,9 @@ def width_of(kind: int, n_dims: int) -> int:
     return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
 
 
-def columns_of(center: Integers, turn: int, width: int) -> slice | Integers:
-    """Return the columns of a block, as a slice if contiguous."""
-    columns = np.append(center, np.arange(turn, turn + width))
-    neighbours = (np.diff(columns) == 1).all()
-    return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
+def contiguous(indices: Integers) -> slice | Integers:
+    """Return indices, as a slice where each follows the last: views are much faster than copies."""
+    return slice(int(indices[0]), int(indices[-1]) + 1) if (np.diff(indices) == 1).all() else indices
 
 
 @kernel

@@ -49,7 +49,7 @@ from comove.model.blocks import (
     Block,
     Blocks,
     Unmasked,
-    columns_of,
+    contiguous,
     place,
     turned,
     width_of,
@@ -140,7 +140,7 @@ class Coordinates:
             center, turn = np.split(q[:, :, part.columns], [self.n_dims], axis=2)
             points = turned(part.kind, turn, part.points)
             points[..., : self.n_dims] += center[:, :, None, :]
-            result[:, :, part.nodes] = points
+            result[:, :, contiguous(part.nodes)] = points
         return result
 
     def boundary(self, turn: int = 0) -> Array:
@@ -241,7 +241,12 @@ class Coordinates:
         return tuple(
             Block(
                 int(kind),
-                columns_of(blocks.center[b, : self.n_dims], blocks.turn[b], width_of(kind, self.n_dims)),
+                contiguous(
+                    np.append(
+                        blocks.center[b, : self.n_dims],
+                        blocks.turn[b] + np.arange(width_of(kind, self.n_dims)),
+                    )
+                ),
                 blocks.node[blocks.first[b] : blocks.first[b + 1]],
                 blocks.point[blocks.first[b] : blocks.first[b + 1]],
             )

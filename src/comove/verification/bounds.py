@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.dmp.system import INTERVAL, N_INTERVALS, OMEGA
+from comove.model.blocks import contiguous
 from comove.model.constraints.constraint import nearest_on_chords
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.model.motion import CoordinatedMotion
@@ -58,8 +59,8 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
         points = part.points[:, :2] if part.kind == ANGLE else part.points
         reach = lengths(points)
         with np.errstate(invalid="ignore"):
-            acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
-            jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
+            acceleration[:, contiguous(part.nodes)] = second[:, None] + swing[:, None] * reach
+            jerk[:, contiguous(part.nodes)] = third[:, None] + twist[:, None] * reach
     for bound in (acceleration, jerk):
         bound.setflags(write=False)
     return NodeBounds(acceleration, jerk)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.compiled import kernel
+from comove.dmp.system import N_INTERVALS
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 
@@ -235,7 +236,8 @@ def jerk_cost(
     precision: Array | None = None,
 ) -> float:
     """Return a motion's objective; `demonstration` and `precision` as in `squares`."""
-    hands = motion.hands(np.linspace(0.0, 1.0, N_SAMPLES))[0].reshape(N_SAMPLES, -1)
+    nodes = motion.nodes_at_knots[0, :: N_INTERVALS // (N_SAMPLES - 1)]
+    hands = nodes[:, : len(motion.scene.manipulators), : motion.scene.n_dims].reshape(N_SAMPLES, -1)
     return squares(motion.scene, objective, demonstration, precision=precision).value(hands)
 
 
