@@ -1,4 +1,4 @@
-"""Array types, products, and extreme values whose choice does not depend on rounding.
+"""Array types, products, and extreme values chosen independently of rounding.
 
 End effectors, joints and obstacles that mirror each other give values that differ only in the last digit, and that
 digit depends on the processor. Values that differ only by rounding count as equal here, and the first is returned.

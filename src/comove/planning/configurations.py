@@ -239,7 +239,10 @@ def may_be_within(space, p, q, far):
 
 @kernel
 def distances_along(space, path):
-    """Return the lengths of a path up to its configurations [m], sums of spans; array, shape (n_configurations,)."""
+    """Return path lengths up to each configuration [m].
+
+    They are sums of spans; array, shape (n_configurations,).
+    """
     reached = np.zeros(path.shape[0])
     for i in range(path.shape[0] - 1):
         reached[i + 1] = reached[i] + span(space, path[i], path[i + 1])

@@ -275,7 +275,7 @@ def differences(y, order):
 
 @kernel
 def _add(residuals, slopes, shape, order, scale, sums, gradient):
-    """Add a term to sums of basis functions, and to half the gradient; see `SumOfSquares.normal_equations`.
+    """Add a term to sums and gradient of `SumOfSquares.normal_equations`.
 
     Parameters
     ----------

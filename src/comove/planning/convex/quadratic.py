@@ -185,9 +185,10 @@ def minimum(
 
 @kernel
 def _parted(bound, owner, further, n):
-    """Return the least values of clearances, then of soft clearances, with their rows, slacks, and owners' number.
+    """Return least values of clearances, their rows and slacks.
 
-    Variable n is the slack of all clearances; those of owners of soft clearances follow it.
+    Soft clearances follow the others; the number of their owners comes last. Variable n is the slack of all
+    clearances; those of owners of soft clearances follow it.
     """
     k, n_owners = bound.shape[0], 0
     last, size = -1, k
@@ -211,9 +212,10 @@ def _parted(bound, owner, further, n):
 
 @kernel
 def _extended(matrix, below, above, known, is_cut, block, slack_of, least, n_beyond, pace):
-    """Return a programme's rows without cuts of multiplier 0, followed by others, whose last ones are cuts.
+    """Return a programme's rows without idle cuts, followed by others.
 
-    Of the latter, the bounds of rows beyond the trust region and of cuts are to be filled in.
+    Idle cuts have the multiplier 0. The last of the others are cuts. The bounds of their rows beyond the trust
+    region and of their cuts are to be filled in.
     """
     n, n_near, kept = matrix.shape[1], slack_of.shape[0], 0
     for row in range(matrix.shape[0]):
@@ -240,7 +242,7 @@ def _extended(matrix, below, above, known, is_cut, block, slack_of, least, n_bey
 
 @kernel
 def _violated(absent, least, reached, of_row, slack_of, x, free, ratio, few):
-    """Return the most violated of absent clearances and of free rows of the trust region.
+    """Return the most violated absent clearances and trust-region rows.
 
     Parameters
     ----------
