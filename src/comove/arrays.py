@@ -1,4 +1,4 @@
-"""Array types, and extreme values whose choice does not depend on rounding.
+"""Array types, products, and extreme values chosen independently of rounding.
 
 End effectors, joints and obstacles that mirror each other give values that differ only in the last digit, and that
 digit depends on the processor. Values that differ only by rounding count as equal here, and the first is returned.
@@ -13,6 +13,11 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 ROUNDING = 1e-9  # relative, by which two ways to compute the same may differ
+
+
+def inner(a: Array, b: Array) -> Array:
+    """Return inner products along the last axis; sums along a short axis take NumPy three times as long."""
+    return np.einsum("...i,...i->...", a, b)
 
 
 def listed(values: ArrayLike, decimals: int) -> str:

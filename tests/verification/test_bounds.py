@@ -5,7 +5,7 @@ import pytest
 
 from comove.model import CoordinatedMotion, Scene
 from comove.verification import verify
-from comove.verification.bounds import largest_jerk, largest_rates, node_bounds
+from comove.verification.bounds import derivative_bounds, largest_jerk, largest_rates, node_bounds
 from tests.verification.random_motions import random_motion
 
 PLACES = (np.arange(800)[:, None] + [0.02, 0.25, 0.5, 0.75, 0.98]).ravel() / 800  # within the intervals
@@ -40,6 +40,18 @@ def test_bounds_are_close_in_the_mean():
         motion = random_motion(np.random.default_rng([seed, 13]), sigma=0.02)
         ratios.append(largest_jerk(motion, node_bounds(motion).jerk) / sampled_jerk(motion))
     assert np.median(ratios) < 1.005
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+@pytest.mark.parametrize("order", [1, 2])
+def test_nothing_finite_bounds_what_is_not(order, wrong):
+    """A derivative that is no number at a knot spoils the intervals on both of its sides, and no others."""
+    columns = np.random.default_rng(order).normal(size=(3, 801, 2))
+    columns[order, 5, 1] = wrong
+    finite = np.isfinite(derivative_bounds(columns))
+    assert not finite[1 if order == 1 else slice(1, None), 4:6].any()
+    assert finite[:, :4].all()
+    assert finite[:, 6:].all()
 
 
 def test_the_straight_motion_of_least_jerk_has_its_known_peaks():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array, Integers
+from comove.arrays import Array, Integers, inner
 from comove.compiled import kernel
 from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.model.groups import GroupPose
@@ -87,11 +87,9 @@ def width_of(kind: int, n_dims: int) -> int:
     return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
 
 
-def columns_of(center: Integers, turn: int, width: int) -> slice | Integers:
-    """Return the columns of a block, as a slice if contiguous."""
-    columns = np.append(center, np.arange(turn, turn + width))
-    neighbours = (np.diff(columns) == 1).all()
-    return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
+def contiguous(indices: Integers) -> slice | Integers:
+    """Return indices, as a slice where each follows the last: views are much faster than copies."""
+    return slice(int(indices[0]), int(indices[-1]) + 1) if (np.diff(indices) == 1).all() else indices
 
 
 @kernel
@@ -304,10 +302,10 @@ def _crossed(a: Array, x: float, y: float, z: float) -> tuple[float, float, floa
 
 def unit_motion(part: Array) -> Array:
     """Return v/|v| and two derivatives from those of v; arrays, shape (3, n_steps, width)."""
-    length = np.linalg.norm(part[0], axis=-1, keepdims=True)
+    length = np.sqrt(inner(part[0], part[0]))[..., None]
     u = part[0] / length
-    grow = (u * part[1]).sum(axis=-1, keepdims=True)
+    grow = inner(u, part[1])[..., None]
     rate = (part[1] - u * grow) / length
-    across = part[2] - u * (u * part[2]).sum(axis=-1, keepdims=True)
-    change = (across - 2 * grow * rate) / length - u * (rate**2).sum(axis=-1, keepdims=True)
+    across = part[2] - u * inner(u, part[2])[..., None]
+    change = (across - 2 * grow * rate) / length - u * inner(rate, rate)[..., None]
     return np.stack([u, rate, change])

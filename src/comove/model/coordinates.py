@@ -49,7 +49,7 @@ from comove.model.blocks import (
     Block,
     Blocks,
     Unmasked,
-    columns_of,
+    contiguous,
     place,
     turned,
     width_of,
@@ -144,8 +144,9 @@ class Coordinates:
         for part in self.parts:
             center, turn = np.split(q[:, :, part.columns], [self.n_dims], axis=2)
             points = turned(part.kind, turn, part.points)
-            points[..., : self.n_dims] += center[:, :, None, :]
-            result[:, :, part.nodes] = points
+            for axis in range(self.n_dims):  # all at once would be six times slower
+                points[..., axis] += center[:, :, None, axis]
+            result[:, :, contiguous(part.nodes)] = points
         return result
 
     def boundary(self, turn: int = 0) -> Array:
@@ -246,7 +247,12 @@ class Coordinates:
         return tuple(
             Block(
                 int(kind),
-                columns_of(blocks.center[b, : self.n_dims], blocks.turn[b], width_of(kind, self.n_dims)),
+                contiguous(
+                    np.append(
+                        blocks.center[b, : self.n_dims],
+                        blocks.turn[b] + np.arange(width_of(kind, self.n_dims)),
+                    )
+                ),
                 blocks.node[blocks.first[b] : blocks.first[b + 1]],
                 blocks.point[blocks.first[b] : blocks.first[b + 1]],
             )

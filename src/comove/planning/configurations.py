@@ -235,12 +235,20 @@ def may_be_within(space, p, q, far):
 
 
 @kernel
-def way_length(space, way):
-    """Return the length of a path [m], the sum of its spans; `way` has the shape (n_steps, n_columns)."""
-    length = 0.0
-    for i in range(way.shape[0] - 1):
-        length += span(space, way[i], way[i + 1])
-    return length
+def distances_along(space, path):
+    """Return path lengths up to each configuration [m].
+
+    They are sums of spans; array, shape (n_configurations,).
+    """
+    reached = np.zeros(path.shape[0])
+    for i in range(path.shape[0] - 1):
+        reached[i + 1] = reached[i] + span(space, path[i], path[i + 1])
+    return reached
+
+
+def way_length(space: Space, way: Array) -> float:
+    """Return the length of a path [m]; `way` has the shape (n_steps, n_columns)."""
+    return float(distances_along(space, way)[-1])
 
 
 @kernel(counted=False)

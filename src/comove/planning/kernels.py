@@ -23,6 +23,7 @@ from comove.planning.convex.limits import Limits
 from comove.planning.methods import Quick
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastJerk, PaperCost
+from comove.planning.orientations import turned_otherwise
 from comove.planning.planner import FOREST, flat_direction, forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
@@ -75,8 +76,8 @@ def plan_in(n_dims: int, moving: bool = False) -> None:
     """Plan in a small scene by all planners, and smooth the path."""
     kind = SceneKind(n_dims, moving)
     Quick(n_ways=2).run(_stand_in(kind), planner=True)  # the second path is compared with the first motion
-    if n_dims == 3:
-        _search_by_forest(_stand_in(kind))
+    if not moving:
+        _search_otherwise(_stand_in(kind))
 
 
 def smooth_in(n_dims: int, meshes: bool = False) -> None:
@@ -90,10 +91,13 @@ def smooth_in(n_dims: int, meshes: bool = False) -> None:
         turned(QUATERNION, np.ones((3, 1, 4)), np.zeros((1, 3)))
 
 
-def _search_by_forest(search: Search) -> None:
-    """Search once by the second planner, which spatial scenes need."""
+def _search_otherwise(search: Search) -> None:
+    """Search once by what a demonstration leaves out: other orientations and, in space, the second planner."""
     coordinates = search.objective.coordinates
     space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
+    turned_otherwise(space, ends[[0, 2]], 0.01)
+    if search.scene.n_dims == 2:
+        return
     flat = flat_direction(space.blocks.point)
     rng = np.random.default_rng(0)
     forest(space, flat, ends[0], ends[2], 0.01, rng, 2, FOREST)

@@ -17,8 +17,8 @@ from comove.arrays import Array
 from comove.compiled import kernel
 from comove.geometry.rotations import quaternion_product
 from comove.model.coordinates import ANGLE, DIRECTION, POINT
-from comove.planning.configurations import Space, clearance_of, edge_is_free, span
-from comove.planning.planner import along
+from comove.planning.configurations import Space, clearance_of, distances_along, edge_is_free, span
+from comove.planning.planner import along, sample
 
 N_PLACES = 40  # of a path
 ON = 4  # places that one move may lead on, at most
@@ -39,13 +39,12 @@ def places_along(space: Space, path: Array) -> Places:
     ----------
     path : array, shape (n_configurations, n_columns)
     """
-    lengths = [span(space, p, q) for p, q in pairwise(path)]
-    parts = np.maximum(np.ceil(np.array(lengths) * N_PLACES / max(sum(lengths), 1e-12)), 1.0).astype(int)
-    pieces = [
-        along(space, np.stack(pair), np.linspace(0.0, 1.0, n + 1)[None, :-1])[0]
-        for pair, n in zip(pairwise(path), parts, strict=True)
-    ]
-    return _turned(space, np.concatenate([*pieces, path[-1:]]))
+    reached = distances_along(space, path)
+    parts = np.maximum(np.ceil(np.diff(reached) * N_PLACES / max(reached[-1], 1e-12)), 1.0).astype(int)
+    at = [a + (b - a) * np.arange(n) / n for (a, b), n in zip(pairwise(reached), parts, strict=True)]
+    own = np.empty((parts.sum() + 1, path.shape[1]))
+    sample(space, path, reached, np.append(np.concatenate(at), reached[-1]), own)
+    return _turned(space, own)
 
 
 def places_of(space: Space, way: Array) -> Places:
@@ -86,14 +85,22 @@ def principal_axes(points: Array) -> Array:
 
 def narrow_places(space: Space, places: Places) -> list[int]:
     """Return the numbers of places of locally least clearance, narrowest first."""
-    nodes = np.empty((space.blocks.node.shape[0], 3))
-    room = np.array([clearance_of(space, place[0], nodes, -np.inf) for place in places])
+    room = _room(space, places)
     least = [
         k
         for k in range(ON, len(room) - ON)
         if room[k] <= room[k - ON : k + ON + 1].min() and room[k] < space.reach[0]
     ]
     return sorted(least, key=lambda k: room[k])
+
+
+@kernel
+def _room(space, places):
+    """Return the clearances of places in their own orientation; array, shape (n_places,) [m]."""
+    nodes, room = np.empty((space.blocks.node.shape[0], 3)), np.empty(places.shape[0])
+    for k in range(places.shape[0]):
+        room[k] = clearance_of(space, places[k, 0], nodes, -np.inf)
+    return room
 
 
 def shortest_turned(space: Space, path: Array, margin: float) -> Array:

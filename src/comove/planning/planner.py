@@ -21,6 +21,7 @@ from comove.planning.clock import worked
 from comove.planning.configurations import (
     Space,
     clearance_of,
+    distances_along,
     edge_is_free,
     in_an_obstacle,
     interpolate,
@@ -158,7 +159,8 @@ def continuous(space: Space, path: Array) -> Array:
     blocks = space.blocks
     for kind, o in zip(blocks.kind, blocks.turn, strict=True):
         if kind == ANGLE:
-            path[:, o] = np.unwrap(path[:, o])
+            turns = np.round(np.diff(path[:, o]) / (2 * np.pi))
+            path[1:, o] -= 2 * np.pi * np.cumsum(turns)
         elif kind == QUATERNION:
             turn = path[:, o : o + 4]
             signs = np.where((turn[1:] * turn[:-1]).sum(axis=1) < 0, -1.0, 1.0)
@@ -179,14 +181,11 @@ def along(space, path, shares):
     -------
     array, shape (n_profiles, n_steps, n_columns)
     """
-    n = path.shape[0]
-    reached = np.zeros(n)
-    for i in range(n - 1):
-        reached[i + 1] = reached[i] + span(space, path[i], path[i + 1])
+    reached = distances_along(space, path)
     out, at = np.empty((shares.shape[0], shares.shape[1], path.shape[1])), np.empty(shares.shape[1])
     for profile in range(shares.shape[0]):
         for k in range(shares.shape[1]):
-            at[k] = shares[profile, k] * reached[n - 1]
+            at[k] = shares[profile, k] * reached[-1]
         sample(space, path, reached, at, out[profile])
     return out
 

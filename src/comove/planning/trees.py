@@ -159,14 +159,15 @@ def shortened(world, path, margin, rng, n_trials, near):
     work, lengths = np.empty((count + 2 * n_trials + 2, width)), np.empty(count + 2 * n_trials + 2)
     for row in range(count):
         copy_to(path[row], work[row])
-    p, q, end = np.empty(width), np.empty(width), np.empty(width)
+    p, q, end, total = np.empty(width), np.empty(width), np.empty(width), -1.0
     for _ in range(n_trials):
         if count <= 2:
             break
-        total = 0.0
-        for i in range(count - 1):
-            lengths[i] = length(world, work[i], work[i + 1])
-            total += lengths[i]
+        if total < 0.0:  # the path has changed
+            total = 0.0
+            for i in range(count - 1):
+                lengths[i] = length(world, work[i], work[i + 1])
+                total += lengths[i]
         u, v = rng.random() * total, rng.random() * total
         if near:
             v = abs(u + (2.0 * v / total - 1.0) ** 3 * total)
@@ -200,5 +201,5 @@ def shortened(world, path, margin, rng, n_trials, near):
                 copy_to(work[row], work[row + moved])
         copy_to(p, work[i + 1])
         copy_to(q, work[i + 2])
-        count += moved
+        count, total = count + moved, -1.0
     return work[:count].copy()

@@ -15,14 +15,16 @@ derivative. That bound is a majorant: a series with coefficients that no coeffic
 from __future__ import annotations
 
 from functools import lru_cache
-from math import factorial
+from math import exp, factorial, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.arrays import Array
+from comove.arrays import Array, inner
+from comove.compiled import kernel
 from comove.dmp.system import INTERVAL, N_INTERVALS, OMEGA
+from comove.model.blocks import contiguous
 from comove.model.constraints.constraint import nearest_on_chords
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.model.motion import CoordinatedMotion
@@ -58,8 +60,8 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
         points = part.points[:, :2] if part.kind == ANGLE else part.points
         reach = lengths(points)
         with np.errstate(invalid="ignore"):
-            acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
-            jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
+            acceleration[:, contiguous(part.nodes)] = second[:, None] + swing[:, None] * reach
+            jerk[:, contiguous(part.nodes)] = third[:, None] + twist[:, None] * reach
     for bound in (acceleration, jerk):
         bound.setflags(write=False)
     return NodeBounds(acceleration, jerk)
@@ -183,11 +185,8 @@ def least_length(columns: Array, second: Array) -> Array:
 
 
 def lengths(vectors: Array) -> Array:
-    """Return Euclidean lengths; (..., width) -> (...).
-
-    Twice as fast as numpy's norm, which matters as the checks need very many of them.
-    """
-    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    """Return Euclidean lengths; (..., width) -> (...)."""
+    return np.sqrt(inner(vectors, vectors))
 
 
 def derivative_bounds(columns: Array, highest: int = 3) -> Array:
@@ -204,17 +203,36 @@ def derivative_bounds(columns: Array, highest: int = 3) -> Array:
     -------
     array, shape (highest + 1, n_intervals)
     """
-    p, q = columns[2, :-1], _slopes(columns)
-    bounds = np.zeros((highest + 1, len(p)))
-    for order in range(2, highest + 1):
-        m = order - 2
-        line = [
-            (-OMEGA) ** m * (p + q * t) + (m * (-OMEGA) ** (m - 1) * q if m else 0.0) for t in (0.0, INTERVAL)
-        ]
-        bounds[order] = np.maximum(*map(lengths, line))
-    speed = lengths(columns[1])
-    bounds[1] = np.maximum(speed[1:], speed[:-1]) + 0.5 * INTERVAL * bounds[2]
+    return _derivative_bounds(np.array(columns, order="C"), highest)
+
+
+@kernel
+def _derivative_bounds(columns: Array, highest: int) -> Array:
+    n_intervals, width = columns.shape[1] - 1, columns.shape[2]
+    bounds, growth = np.zeros((highest + 1, n_intervals)), exp(OMEGA * INTERVAL)
+    for i in range(n_intervals):
+        factor, change = 1.0, 0.0  # of the line's value, and of its slope
+        for order in range(2, highest + 1):
+            begin, end = 0.0, 0.0
+            for c in range(width):
+                p = columns[2, i, c]
+                q = (columns[2, i + 1, c] * growth - p) / INTERVAL
+                begin += (factor * p + change * q) ** 2
+                end += (factor * (p + q * INTERVAL) + change * q) ** 2
+            bounds[order, i] = sqrt(_larger(begin, end))
+            factor, change = -OMEGA * factor, factor - OMEGA * change
+        before, after = 0.0, 0.0
+        for c in range(width):
+            before += columns[1, i, c] ** 2
+            after += columns[1, i + 1, c] ** 2
+        bounds[1, i] = sqrt(_larger(before, after)) + 0.5 * INTERVAL * bounds[2, i]
     return bounds
+
+
+@kernel
+def _larger(a: float, b: float) -> float:
+    """Return the larger of two numbers, or what is none."""
+    return b if b >= a or b != b else a
 
 
 def _slopes(columns: Array) -> Array:

@@ -361,7 +361,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
         jerk_max=jerk_max,
         **{"distance_error_max": 0.0, **measures(findings)},
-        **support_measures(scene, motion.coordinates.nodes(motion.knots[0].T[None])[0], clearance.lower),
+        **support_measures(scene, nodes[0], clearance.lower),
     )
     reasons = []
     if not _are_of_the_scene(motion):

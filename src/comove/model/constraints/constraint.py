@@ -16,7 +16,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.arrays import Array, inner
 from comove.io.keys import Pair, Part
 
 ROUNDING = 1e-9
@@ -117,8 +117,9 @@ class Course(ABC):
 def nearest_on_chords(points: Array) -> Array:
     """Return the least distances from 0 of chords between points. (n_points, n_dims) -> (n_points - 1,)."""
     here, step = points[:-1], np.diff(points, axis=0)
-    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    return np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+    along = -inner(here, step) / np.maximum(inner(step, step), 1e-300)
+    nearest = here + np.clip(along, 0.0, 1.0)[:, None] * step
+    return np.sqrt(inner(nearest, nearest))
 
 
 class Constraint(ABC):

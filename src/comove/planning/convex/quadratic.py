@@ -16,6 +16,7 @@ import daqp
 import numpy as np
 
 from comove.arrays import Array, Integers
+from comove.compiled import copy_to, kernel
 from comove.planning.convex.limits import LinearLimits
 
 FREE = 1e30  # infinite bound for DAQP
@@ -137,78 +138,151 @@ def minimum(
 
     Return None if that fails, or once `over`, which is called before every set of rows, returns True.
     """
-    n = len(gradient)
-    rows, bound, owner, further = clearances
-    wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
-    is_wished = np.bincount(owner[wished]) > 0
-    mine = (np.cumsum(is_wished) - 1)[owner[wished]]
-    k, m, more = len(rows), len(wished), int(is_wished.sum())
+    n, rows = len(gradient), clearances.rows
+    least, of_row, slack_of, more = _parted(clearances.bound, clearances.owner, clearances.further, n)
     # Variables: the weights, the slack, the amount by which each owner's wish is missed, and the change of the pace.
+    square, linear, below, above = np.ones(n + more + 2), np.zeros(n + more + 2), *np.empty((2, n + more + 2))
     dear = prices.duration * prices.pace
-    square = np.concatenate(
-        [np.ones(n), [1e-3], np.full(more, max(prices.wish * UNIT**2, 1e-6)), [settings.curved * dear or 1.0]]
-    )
-    linear = np.concatenate([gradient, [0.5 * prices.slack * UNIT], np.zeros(more), [0.5 * dear]])
-    least = np.concatenate([bound, bound[wished] + further[wished]])
-    of_row = np.concatenate([np.arange(k), wished])
-    slack_of = np.concatenate([np.full(k, n), n + 1 + mine]).astype(int)
+    square[n], square[n + 1 : -1] = 1e-3, max(prices.wish * UNIT**2, 1e-6)
+    square[-1], linear[-1] = settings.curved * dear or 1.0, 0.5 * dear
+    linear[:n], linear[n] = gradient, 0.5 * prices.slack * UNIT
+    below[:n], below[n:-1], below[-1], above[:] = -FREE, 0.0, -prices.faster, FREE
+    hessian = np.diag(square)
 
-    matrix = np.zeros((0, len(square)))
-    below = np.concatenate([np.full(n, -FREE), np.zeros(1 + more), [-prices.faster]])
-    above, known = np.full(len(below), FREE), np.zeros(len(below))
-    is_cut = np.zeros(len(below), dtype=bool)
-    absent, free = np.ones(k + m, dtype=bool), np.ones(len(trust.moves), dtype=bool)
-    near, beyond = np.flatnonzero(least > -settings.nearly), np.zeros(0, dtype=int)
+    matrix, known, is_cut = np.zeros((0, len(square))), np.zeros(len(square)), np.zeros(0, dtype=bool)
+    absent, free = np.ones(len(least), dtype=bool), np.ones(len(trust.moves), dtype=bool)
+    near, beyond = np.flatnonzero(least > -settings.nearly), np.zeros(0, dtype=np.int64)
     cut, limit = limits.cuts(np.zeros(n), 0.0, settings.active)
     programmes = 0
     for _ in range(settings.rounds):
         if over():
             return None
         programmes += 1
-        block = np.zeros((len(near) + len(beyond) + len(cut), matrix.shape[1]))
-        block[:, :n] = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
-        block[np.arange(len(near)), slack_of[near]] = UNIT
-        block[len(block) - len(cut) :, -1] = prices.pace
-        middle, radius = trust.center[beyond], trust.radius[beyond]
-        free_above = np.full(len(near), FREE), middle + radius, np.full(len(cut), FREE)
-        matrix = np.concatenate([matrix, block])
-        below = np.concatenate([below, least[near], middle - radius, limit])
-        above = np.concatenate([above, *free_above])
-        known = np.concatenate([known, np.zeros(len(block))])
-        is_cut = np.concatenate([is_cut, np.arange(len(block)) >= len(block) - len(cut)])
+        block = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
         absent[near], free[beyond] = False, False
-        found = _solved(np.diag(square), linear, matrix, below, above, known)
+        # Cuts that do not count now are made anew, elsewhere, where they do.
+        matrix, below, above, known, is_cut = _extended(
+            matrix, below, above, known, is_cut, block, slack_of[near], least[near], len(beyond), prices.pace
+        )
+        fixed, added = len(square) + len(matrix) - len(block), len(near) + len(beyond)
+        middle, radius = trust.center[beyond], trust.radius[beyond]
+        below[fixed + len(near) : fixed + added] = middle - radius
+        above[fixed + len(near) : fixed + added] = middle + radius
+        below[fixed + added :] = limit
+        found = _solved(hessian, linear, matrix, below, above, known)
         if found is None:
             return None
         x, known = found
-        stays = ~is_cut | (known != 0.0)  # cuts that do not count now are made anew, elsewhere, where they do
-        matrix, is_cut = matrix[stays[len(square) :]], is_cut[stays]
-        below, above, known = below[stays], above[stays], known[stays]
         dz, slower = x[:n] @ whiten, prices.pace * float(x[-1])
-        broken = np.where(absent, least - (rows @ dz)[of_row] - UNIT * x[slack_of], -1.0)
-        near = _worst(broken, settings.few)
-        too_far = np.where(free, np.abs(trust.moves @ dz - trust.center) / trust.radius - 1.0, -1.0)
-        beyond = _worst(too_far, settings.few)
+        moved = (trust.moves @ dz - trust.center) / trust.radius
+        near, beyond = _violated(absent, least, rows @ dz, of_row, slack_of, x, free, moved, settings.few)
         cut, limit = limits.cuts(dz, slower, 1.0 + settings.excess)
         if not (len(near) or len(beyond) or len(cut)):
             break
-    short = float(((x[n + 1 : n + 1 + more] * UNIT) ** 2).sum())
+    short = float(((x[n + 1 : -1] * UNIT) ** 2).sum())
     return Minimum(x[:n], float(x[n]) * UNIT, short, slower, programmes)
 
 
-def _worst(broken: Array, few: int) -> Integers:
+@kernel
+def _parted(bound, owner, further, n):
+    """Return least values of clearances, their rows and slacks.
+
+    Soft clearances follow the others; the number of their owners comes last. Variable n is the slack of all
+    clearances; those of owners of soft clearances follow it.
+    """
+    k, n_owners = bound.shape[0], 0
+    last, size = -1, k
+    for i in range(k):
+        last, size = max(last, owner[i]), size + (bound[i] + further[i] > -np.inf)
+    own, least = np.zeros(last + 1, dtype=np.int64), np.empty(size)
+    of_row, slack_of = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    for i in range(k):
+        least[i], of_row[i], slack_of[i] = bound[i], i, n
+        own[owner[i]] += bound[i] + further[i] > -np.inf
+    for i in range(last + 1):
+        if own[i] > 0:
+            n_owners += 1
+            own[i] = n + n_owners
+    for i in range(bound.shape[0]):
+        if bound[i] + further[i] > -np.inf:
+            least[k], of_row[k], slack_of[k] = bound[i] + further[i], i, own[owner[i]]
+            k += 1
+    return least, of_row, slack_of, n_owners
+
+
+@kernel
+def _extended(matrix, below, above, known, is_cut, block, slack_of, least, n_beyond, pace):
+    """Return a programme's rows without idle cuts, followed by others.
+
+    Idle cuts have the multiplier 0. The last of the others are cuts. The bounds of their rows beyond the trust
+    region and of their cuts are to be filled in.
+    """
+    n, n_near, kept = matrix.shape[1], slack_of.shape[0], 0
+    for row in range(matrix.shape[0]):
+        kept += not is_cut[row] or known[n + row] != 0.0
+    total = kept + block.shape[0]
+    rows, low, high = np.zeros((total, n)), np.empty(n + total), np.empty(n + total)
+    multipliers, cuts, k = np.empty(n + total), np.empty(total, dtype=np.bool_), 0
+    for i in range(n + matrix.shape[0]):
+        if i < n or not is_cut[i - n] or known[i] != 0.0:
+            low[k], high[k], multipliers[k] = below[i], above[i], known[i]
+            if i >= n:
+                copy_to(matrix[i - n], rows[k - n])
+                cuts[k - n] = is_cut[i - n]
+            k += 1
+    for i in range(block.shape[0]):
+        copy_to(block[i], rows[kept + i])
+        high[k + i], multipliers[k + i], cuts[kept + i] = FREE, 0.0, i >= n_near + n_beyond
+        if i < n_near:
+            rows[kept + i, slack_of[i]], low[k + i] = UNIT, least[i]
+        elif i >= n_near + n_beyond:
+            rows[kept + i, n - 1] = pace
+    return rows, low, high, multipliers, cuts
+
+
+@kernel
+def _violated(absent, least, reached, of_row, slack_of, x, free, ratio, few):
+    """Return the most violated absent clearances and trust-region rows.
+
+    Parameters
+    ----------
+    reached : values of all rows
+    ratio : displacements, as shares of the radii of the trust region
+    """
+    broken, beyond = np.empty(least.shape[0]), np.empty(free.shape[0])
+    for i in range(least.shape[0]):
+        broken[i] = least[i] - reached[of_row[i]] - UNIT * x[slack_of[i]] if absent[i] else -1.0
+    for i in range(free.shape[0]):
+        beyond[i] = abs(ratio[i]) - 1.0 if free[i] else -1.0
+    return _worst(broken, few), _worst(beyond, few)
+
+
+@kernel
+def _worst(broken, few):
     """Return the indices of violated rows, of at most the worst `few`."""
-    at = np.flatnonzero(broken > BROKEN)
-    return at if len(at) <= few else np.sort(at[np.argsort(-broken[at], kind="stable")[:few]])
+    is_worst, count = np.zeros(broken.shape[0], dtype=np.bool_), 0
+    for i in range(broken.shape[0]):
+        count += broken[i] > BROKEN
+    for _ in range(few if count > few else 0):
+        worst = -1
+        for i in range(broken.shape[0]):
+            if not is_worst[i] and broken[i] > BROKEN and (worst < 0 or broken[i] > broken[worst]):
+                worst = i
+        is_worst[worst] = True
+    at, k = np.empty(min(count, few), dtype=np.int64), 0
+    for i in range(broken.shape[0]):
+        if is_worst[i] or (count <= few and broken[i] > BROKEN):
+            at[k], k = i, k + 1
+    return at
 
 
 def _solved(
-    square: Array, linear: Array, matrix: Array, below: Array, above: Array, known: Array
+    hessian: Array, linear: Array, matrix: Array, below: Array, above: Array, known: Array
 ) -> tuple[Array, Array] | None:
     """Solve a programme from `known` multipliers; return solution and multipliers. None without a solution."""
     for guess in (known, None) if known.any() else (None,):  # from a guess the solver may cycle
         x, _, flag, told = daqp.solve(
-            square,
+            hessian,
             linear,
             matrix,
             above,

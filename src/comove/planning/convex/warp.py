@@ -32,9 +32,10 @@ def warped(
     if cost.haste > 0:
         return z
     warp = settings.warp
-    speed = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
-    moves = Moves(speed[:, :, None], _waves(len(hands), warp.n_waves), np.zeros(1, dtype=bool))
-    square, gradient = cost.normal_equations(hands, moves)
+    speed = _slopes(hands)
+    square, gradient = cost.normal_equations(
+        hands, Moves(speed[:, :, None], _waves(len(hands), warp.n_waves))
+    )
     order = np.arange(1, warp.n_waves + 1)
     square.flat[:: len(order) + 1] += warp.smooth * np.trace(square) / len(order) * (np.pi * order) ** 2
     heights = -np.linalg.solve(square, gradient)
@@ -43,7 +44,7 @@ def warped(
     curves = programme.curves
     t = np.linspace(0.0, 1.0, len(curves.fine.base))
     shift = _waves(len(t), warp.n_waves) @ heights
-    shift *= min(1.0, warp.steepest / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
+    shift *= min(1.0, warp.steepest / max(np.abs(_slopes(shift)).max(), 1e-12))
     way, rate = curves.fine.q(z), curves.fine_rate.q(z)
     near = settings.margin + 1e-3 + curves.scene.clearance
     for share in warp.shares:
@@ -73,6 +74,15 @@ def interpolated(way: Array, rate: Array, t: Array) -> Array:
     return np.asarray(
         here + u * (begin + u * (3 * further - 2 * begin - end + u * (begin + end - 2 * further)))
     )
+
+
+def _slopes(y: Array) -> Array:
+    """Return derivatives by normalised time, from even samples along the first axis."""
+    slopes = np.empty_like(y)
+    slopes[0], slopes[-1] = 2 * (y[1] - y[0]), 2 * (y[-1] - y[-2])
+    np.subtract(y[2:], y[:-2], out=slopes[1:-1])
+    slopes *= 0.5 * (len(y) - 1)
+    return slopes
 
 
 @lru_cache(maxsize=8)
