@@ -6,7 +6,10 @@ import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from threading import Lock
 from typing import Any
+
+_lock, _inside, _was_enabled = Lock(), 0, True
 
 
 def lazily(
@@ -34,12 +37,22 @@ def lazily(
 def uncollected() -> Iterator[None]:
     """Disable garbage collection in this context.
 
-    Modules and compilers make many objects that stay, and each collection would visit them all.
+    Modules and compilers make many objects that stay, and each collection would visit them all; at the end all join the
+    oldest generation. Threads may be in it at once: the last one that leaves enables it, if the first found it so.
     """
-    enabled = gc.isenabled()
-    gc.disable()
+    global _inside, _was_enabled
+    with _lock:
+        if _inside == 0:
+            _was_enabled = gc.isenabled()
+            gc.disable()
+        _inside += 1
     try:
         yield
     finally:
-        if enabled:
-            gc.enable()
+        with _lock:
+            _inside -= 1
+            if _inside == 0 and _was_enabled:
+                if not gc.get_freeze_count():
+                    gc.freeze()
+                    gc.unfreeze()
+                gc.enable()

@@ -1,6 +1,7 @@
 """Which grasp is taken where a scene leaves it open, and that it holds: by Pinocchio, from the stored scene."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from comove.errors import SceneError
 from comove.model import Scene
 from comove.planning import Budget
 from comove.planning.solver import problem_of
-from comove.robots import Robot, ends, solving
+from comove.robots import JointVerdict, Robot, ends, solving
 from comove.robots.ends import EndJoints
 from comove.robots.files import read_joints
 from comove.view.figures import save_result
@@ -60,27 +61,49 @@ def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, "the mesh is found, and the same one"
 
 
-@pytest.mark.parametrize("refused", [(-90,), (-90, 90)], ids=str)
-def test_poses_are_solved_patiently_only_if_every_grasp_is_refused(monkeypatch, refused):
-    """The seeds that are solved first are said to miss the poses of refused grasps."""
-    grasps = [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]
-    solved, patiently, searched, patient = EndJoints._solutions, ends.patiently_solved, [], []
+@pytest.mark.parametrize("missed", [(), (-90,), (90,), (-90, 90)], ids=str)
+def test_grasps_missed_from_the_first_seeds_come_last_and_are_solved_from_all(monkeypatch, missed):
+    """The seeds that are solved first are said to miss the poses of some grasps."""
+    solved, patiently, asked = EndJoints._solutions, ends.patiently_solved, []
 
-    def missed(self, *pose):
+    def misses(self, *pose):
         joints, missing = solved(self, *pose)
-        return joints, missing + (self.scene.file.grasp.offset_deg in refused)
+        return joints, missing + (self.scene.file.grasp.offset_deg in missed)
 
-    def counted(scene, **how):
-        searched.append(scene.file.grasp.offset_deg)
-        return problem_of(scene, **how)
+    monkeypatch.setattr(EndJoints, "_solutions", misses)
+    monkeypatch.setattr(ends, "patiently_solved", lambda *pose: asked.append(pose) or patiently(*pose))
+    scene = lifts_scene(grasp={"any_of": [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]})
+    found, n_asked = [], []
+    for way in solving._clear_ways(scene, robot("lifts"), {}, kept=True):
+        found.append(way and way[0].file.grasp.offset_deg)
+        n_asked.append(len(asked))
+    at_once = [turn for turn in (-90, 90) if turn not in missed]
+    assert sorted(found[: len(at_once)]) == at_once and not any(n_asked[: len(at_once)])
+    rest = found[len(at_once) :]
+    assert rest[: bool(at_once and missed)] == [None] * bool(at_once and missed)
+    assert sorted(filter(None, rest)) == sorted(missed)
 
-    monkeypatch.setattr(EndJoints, "_solutions", missed)
-    monkeypatch.setattr(ends, "patiently_solved", lambda *pose: patient.append(pose) or patiently(*pose))
-    monkeypatch.setattr(solving, "problem_of", counted)
-    scene = lifts_scene(grasp={"any_of": grasps})
-    assert comove.solve(scene, robot=robot("lifts"), budget=Budget(work=0.2)).scene.file.grasp is not None
-    assert bool(patient) == (len(refused) == 2)
-    assert patient or set(searched) == {90}
+
+def test_a_grasp_missed_from_the_first_seeds_is_searched_where_others_lead_to_nothing(monkeypatch):
+    solved, carried, searched = EndJoints._solutions, solving._carried, []
+
+    def misses(self, *pose):
+        joints, missing = solved(self, *pose)
+        return joints, missing + (self.scene.file.grasp.offset_deg == -90)
+
+    def searching(scene, *rest):
+        solution = yield from carried(scene, *rest)
+        if len(scene.alternatives) > 1:  # the whole, which calls for each grasp
+            return solution
+        searched.append(turn := scene.file.grasp.offset_deg)
+        nothing = replace(solution.joints, verdict=JointVerdict(None, solution.joints.report, ("nothing",)))
+        return solution if turn == -90 else replace(solution, joints=nothing)
+
+    monkeypatch.setattr(EndJoints, "_solutions", misses)
+    monkeypatch.setattr(solving, "_carried", searching)
+    scene = lifts_scene(grasp={"any_of": [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]})
+    found = comove.solve(scene, robot=robot("lifts"), budget=5.0)
+    assert searched == [90, -90] and found.verified and found.scene.file.grasp.offset_deg == -90
 
 
 @pytest.mark.parametrize("away", [0.03, 0.3])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import gc
 import os
 import signal
 import sys
@@ -229,7 +228,6 @@ def whole_application(verb: str = "") -> typer.Typer:
 
 def main() -> None:
     """Run the `comove` command, which ends in a documented exit code."""
-    gc.set_threshold(20_000)  # most objects are modules' and stay: seldom look for others
     guard_streams()
     _unwind_when_ended()
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -369,6 +369,10 @@ class KernelCache(FunctionCache):
         """Store a compiled function."""
         with suppress(OSError):  # a full disk: it is compiled again next time
             super().save_overload(sig, data)
+            if self._enabled:
+                file = Path(self._py_func.__code__.co_filename)
+                stamp = self._cache_file._source_stamp
+                _remove_outdated(self._cache_path, file.stem, file.stat().st_mtime, stamp)
 
 
 class _Sealed(IndexDataCacheFile):
@@ -391,7 +395,6 @@ class _Sealed(IndexDataCacheFile):
     def save(self, key: Any, data: Any) -> None:
         self._sealed_for = text_of(key)
         super().save(self._sealed_for, data)
-        _remove_outdated(self._cache_path, self._index_name.partition(".")[0], self._source_stamp)
 
     def _save_data(self, name: str, data: Any) -> None:
         data = self._dump(data)
@@ -407,18 +410,19 @@ class _Sealed(IndexDataCacheFile):
 
 
 @cache
-def _remove_outdated(folder: str, module: str, stamp: Any) -> None:
-    """Remove what was compiled from other versions of a source file; names hold the lines of functions.
+def _remove_outdated(folder: str, module: str, changed: float, stamp: Any) -> None:
+    """Remove what was compiled from earlier versions of a source file; names hold the lines of functions.
 
     Parameters
     ----------
     module : name of the file without its suffix
-    stamp : time of change and size of the present version
+    changed : time at which the present version was written [s]
+    stamp : numba's stamp of the present version
     """
     for index in Path(folder).glob(f"{module}.*.nbi"):
         with suppress(Exception):  # pickle may raise anything on damaged data
             version, (other, _) = (load := pickle.Unpickler(io.BytesIO(index.read_bytes())).load)(), load()
-            if version == numba.__version__ and other != stamp:
+            if version == numba.__version__ and other != stamp and index.stat().st_mtime < changed:
                 for data in Path(folder).glob(f"{glob.escape(index.stem)}.*.nbc"):
                     data.unlink()
                 index.unlink()

@@ -37,7 +37,7 @@ from comove.verification.bounds import NodeBounds, node_bounds
 from comove.verification.certificate import certify
 
 NO_PLAN = "no plan yet"
-AT_ONCE = 2000  # control steps, at most, for which a plan is sampled at once
+MAX_SAMPLED_STEPS = 2000  # control steps for which a plan is sampled at once
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class PlanReplanner(Replanner):
 
     def _sample(self, run: ControlLoop, plan: Plan) -> None:
         """Keep a plan's poses at the next control steps."""
-        left = min(max(ceil((plan.ends - run.time) / run.period), 1), AT_ONCE)
+        left = min(max(ceil((plan.ends - run.time) / run.period), 1), MAX_SAMPLED_STEPS)
         self._first = run.n_steps
         self._poses = list(plan.poses(run.period * (run.n_steps + np.arange(left + 1))).each())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from comove.geometry.rotations import (
     similarity,
 )
 from comove.model.groups import RigidGroup
-from comove.model.scene import Scene, of_geometry
+from comove.model.scene import Scene
 
 N_STEPS = 201
 """Samples of a demonstration that end effectors follow."""
@@ -41,7 +42,7 @@ def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
     return _carried(scene, *([dmp] * len(scene.start) if isinstance(dmp, DMP) else dmp))
 
 
-@of_geometry  # what follows a demonstration, warns of it and measures it asks for the same
+@lru_cache(maxsize=4)  # search, warnings and measures ask for the same
 def _carried(scene: Scene, *movements: DMP) -> Array:
     s = np.linspace(0.0, 1.0, N_STEPS)
     hands = np.stack(

@@ -184,7 +184,8 @@ class Candidates:
     """A population of rollouts, best first.
 
     The kinematics of arms are slow: they evaluate one rollout after the other, and only while the result may change
-    which one is next. All others count as impossible. So are the obstacles of rollouts beyond the limits.
+    which one is next. All others count as impossible. The obstacles of rollouts beyond the limits are evaluated as
+    late.
 
     Attributes
     ----------

@@ -39,11 +39,13 @@ from comove.robots.ends import (
 from comove.robots.hands import collision_of_hands
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
+from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import MET, Arms, Strain, contact_along, course_penalties, demands, follow
 from comove.robots.search.links import (
     FAT,
     FATTEST,
+    ROUGH,
     HandOrientation,
     Links,
     LinkSurroundings,
@@ -266,10 +268,10 @@ class RobotCarrier(LimitedKinematics):
         """Return each arm's joints at the goal, as `starts`."""
         return self.ends.branches("goal", self._solved_at("goal"))
 
-    def _solved_at(self, end: str, patient: bool = True) -> tuple[Array, ...]:
+    def _solved_at(self, end: str, all_seeds: bool = True) -> tuple[Array, ...]:
         """Return the arms' joints at an end by their poses alone."""
         if end not in self._solved:
-            self._solved[end] = self.ends.solved(end, patient)
+            self._solved[end] = self.ends.solved(end, all_seeds)
         return self._solved[end]
 
     @cached_property
@@ -550,8 +552,8 @@ class RobotCarrier(LimitedKinematics):
             verdict = JointVerdict(None, JointReport(), (str(miss),))
         self.kept.append((motion, 0.0, (joints, verdict)))
 
-    def require_reach(self, patient: bool = True) -> None:
-        """Solve both ends, before the time of a search starts; `patient` as of `EndJoints.solved`.
+    def require_reach(self, all_seeds: bool = True) -> None:
+        """Solve both ends, before the time of a search starts; `all_seeds` as of `EndJoints.solved`.
 
         Raises
         ------
@@ -563,7 +565,7 @@ class RobotCarrier(LimitedKinematics):
         for retreat in self._retreats.values():
             retreat.require_free_rest()
         for end in ("start", "goal") if self.begin is None else ("goal",):
-            self._solved_at(end, patient)  # before clearances matter
+            self._solved_at(end, all_seeds)  # before clearances matter
         _ = self.starts, self.goals
         if self._retreats:
             _ = self._pairs
@@ -633,8 +635,24 @@ class RobotCarrier(LimitedKinematics):
     @property
     def tightness_at_ends(self) -> int:
         """Return the worse `EndJoints.tightness` of the likeliest joints at both ends."""
+        return int(self.ends.tight(np.array(self._clearance_at_ends)))
+
+    @property
+    def are_ends_clear(self) -> bool:
+        """Return whether capsules alone tell that both ends are clear.
+
+        Bodies may stick out of their capsules a little, and solid payloads are lines.
+        """
+        least = self.scene.clearance + PROUDEST + ROUGH
+        return not len(self.scene.body.solids) and self._clearance_at_ends > least
+
+    @property
+    def _clearance_at_ends(self) -> float:
+        """Return the likeliest joints' least clearance of capsules [m]."""
         ends = zip(self._pairs[0], ("start", "goal"), strict=True)
-        return max(int(self.ends.at(end).tightness(q[None], self.scene.nodes_at(end))[0]) for q, end in ends)
+        return min(
+            float(self.ends.at(end).clearances(q[None], self.scene.nodes_at(end))[0]) for q, end in ends
+        )
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""

@@ -125,6 +125,10 @@ class Tally:
             self.ill[pair] += 1.0
 
 
+class MissedPose(SceneError):
+    """An end that an arm may reach from more seeds."""
+
+
 @dataclass(frozen=True, eq=False)
 class EndJoints:
     """The joints that hold a payload at the ends of a scene.
@@ -252,12 +256,12 @@ class EndJoints:
         arms = self.arms
         return clearances_at(arms.chains, some or arms.links, arms.around, RESTING, q, nodes, ENOUGH)
 
-    def solved(self, end: str, patient: bool = True) -> tuple[Array, ...]:
+    def solved(self, end: str, all_seeds: bool = True) -> tuple[Array, ...]:
         """Compute joint positions at an end by poses alone, nearest first.
 
         Parameters
         ----------
-        patient : whether a pose is solved from all seeds to the end before it is said to be out of reach
+        all_seeds : whether a pose that is missed from the first seeds, and may be in reach, is solved from all
 
         Returns
         -------
@@ -266,7 +270,7 @@ class EndJoints:
         Raises
         ------
         SceneError
-            If an arm cannot reach the end.
+            If an arm cannot reach the end; `MissedPose` if it may from other seeds.
         """
         nodes, posture, n = self.scene.nodes_at(end), self._near(end), len(self.holders)
         rotations, found, chains = self.grasp.hand_rotations(nodes), list[Array](), self.arms.chains
@@ -274,7 +278,10 @@ class EndJoints:
         are_slow = None in of_robot(self.robot, self.holders)[3]  # without a closed form
         solved = (THREADS.map if are_slow else map)(self._solutions, *each)
         for i, (joints, missing) in enumerate(solved):
-            if patient and missing.min() > MET and may_reach(self.arms.ranges, i, rotations[i], nodes[i]):
+            may_be_met = missing.min() > MET and may_reach(self.arms.ranges, i, rotations[i], nodes[i])
+            if may_be_met and not all_seeds:
+                raise MissedPose(f"'{self.holders[i].name}' misses its {end} from the first seeds")
+            if may_be_met:
                 joints, missing = patiently_solved(
                     chains, i, rotations[i], nodes[i], posture, self.settings.n_seeds
                 )

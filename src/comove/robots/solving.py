@@ -36,6 +36,7 @@ from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
 from comove.robots.choosing import SETTINGS as RANKING
 from comove.robots.choosing import Reach
+from comove.robots.ends import MissedPose
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
@@ -343,29 +344,31 @@ def _by_some_grasp(
     with compiling() as compiled:
         kept = _keeps_duration(scene, wanted.get("objective") or objective_of_scene(scene.file.objective))
         ways = _clear_ways(scene, robot, carriers, kept)
-        choice: tuple[Scene, RobotCarrier] | None = next(ways)
+        choice: tuple[Scene, RobotCarrier] | tuple[()] | None = next(ways)
     begun += compiled.seconds
     best: Solution | None = None
-    while choice is not None:
-        left, following = budget.after(now() - begun, work), next(ways, None)
+    while choice:
+        left, following = budget.after(now() - begun, work), next(ways, ())
         if best is not None and left.is_spent:
             break
-        part = left if following is None else left.within(0.5 * left.size)
+        part = left if following == () else left.within(0.5 * left.size)
         solution = yield from _carried(choice[0], robot, part, dict(wanted), method, carriers, choice[1])
         work += solution.effort.work
         if (solution.joints.verified and not solution.joints.without) or solution.interrupted:
             return solution
         if best is None or (solution.joints.verified and not best.joints.verified):
             best = solution
-        choice = following
+        choice = next(ways, ()) if following is None else following
     assert best is not None, "one was tried"
     return best
 
 
 def _clear_ways(
     scene: Scene, robot: Robot, carriers: dict[str, Any], kept: bool
-) -> Iterator[tuple[Scene, RobotCarrier]]:
+) -> Iterator[tuple[Scene, RobotCarrier] | None]:
     """Yield grasps and placements that are clear at the ends, likeliest first.
+
+    Those whose poses are missed from the first seeds come last, after None, as it takes long to find them.
 
     Each has a carrier, in some duration. Those come first by which more grasps hold the payload. Where a
     scene leaves many open, they are ranked by the reach of each arm, and the first few clear ones by their joint
@@ -392,13 +395,14 @@ def _clear_ways(
     def is_clear(k: int, carrier: RobotCarrier) -> bool:
         try:
             known = kept or not carrier.scene.moving.any()
-            if known and carrier.tightness_at_ends > 0:
+            if known and not carrier.are_ends_clear:
                 carrier.require_clear_ends()
         except (SceneError, RobotError) as error:
             errors[k] = error
         return k not in errors
 
-    untried, patient = iter(enumerate(ways)), False
+    missed, all_seeds = list[tuple[int, Callable[[], Scene]]](), False
+    untried = iter([*enumerate(ways)])
     while True:
         tried = list[tuple[int, float, int, Scene, RobotCarrier]]()
         for k, way in untried:
@@ -406,17 +410,21 @@ def _clear_ways(
                 choice = way()
                 first_try = _first_duration(choice) if choice.moving.any() else 1.0
                 carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
-                carrier.require_reach(patient)
+                carrier.require_reach(all_seeds)
                 if later or is_clear(k, carrier):
                     tried.append((int(choice.n_far[0]), round(carrier.turning, 6), k, choice, carrier))
+            except MissedPose:
+                missed.append((k, way))
             except (SceneError, RobotError) as error:
                 errors[k] = error
             if choices and len(tried) == RANKING.exact:
                 break
-        if not tried and (patient or n_found):
+        if not tried and not missed:
             break
-        if not tried:  # patience takes ten times as long, and is for scenes that are refused otherwise
-            untried, patient, errors = iter(enumerate(ways)), True, {}
+        if not tried:  # all seeds take ten times as long, and are for scenes that are not solved otherwise
+            if n_found:
+                yield None
+            untried, missed, all_seeds = iter(missed), [], True
         for *_, k, choice, carrier in sorted(tried, key=lambda one: one[:3]):
             if not later or is_clear(k, carrier):
                 n_found += 1

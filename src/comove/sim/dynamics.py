@@ -290,11 +290,12 @@ class _Log:
 
         A free body's generalised force is a force in the world's axes, and a torque about its origin in its own axes.
         """
-        sites, pose, found = list(self.world.sites), self.load_pose, self.generalised.copy()
+        sites, hands = list(self.world.sites), self.hands[: self.count]
+        pose, found = self.load_pose[: self.count], self.generalised[: self.count].copy()
         held = [sites.index(holder.site) for holder in self.world.holders]
         if self.world.load is None:
             return found
-        arms = self.hands[:, held][..., :3, 3] - pose[:, None, :3, 3]
+        arms = hands[:, held][..., :3, 3] - pose[:, None, :3, 3]
         found[..., 3:] = found[..., 3:] @ pose[:, :3, :3].swapaxes(1, 2) - np.cross(arms, found[..., :3])
         return found
 

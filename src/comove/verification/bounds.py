@@ -231,7 +231,7 @@ def _derivative_bounds(columns: Array, highest: int) -> Array:
 
 @kernel
 def _larger(a: float, b: float) -> float:
-    """Return the larger of two numbers, or what is none."""
+    """Return the larger of two numbers, or NaN if either is."""
     return b if b >= a or b != b else a
 
 

@@ -16,7 +16,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.search import spare
 from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
-from comove.robots.search.spare import N_KNOWN, SETTINGS, ArmsFollower, spare_along
+from comove.robots.search.spare import N_KEPT_MOTIONS, SETTINGS, ArmsFollower, spare_along
 from tests.robots.known_carry import grasp_frames
 from tests.robots.small_robots import EXAMPLES, grasp_errors, movement, robot, task, whole
 
@@ -161,7 +161,7 @@ def test_a_motion_asked_for_again_is_not_followed_again(monkeypatch):
     q, follower = along(movement(carrying.scene), carrying, n_steps=11)
     monkeypatch.setattr(spare, "spare_along", counted)
     nodes = nodes_of(movement(carrying.scene), q)
-    others = [nodes + 1e-4 * k for k in range(N_KNOWN + 1)]
+    others = [nodes + 1e-4 * k for k in range(N_KEPT_MOTIONS + 1)]
     for asked, n in ((others[0], 1), (others[0], 1), (others[1], 2), (others[0].copy(), 2)):
         found = follower.follow(asked)
         assert len(followed) == n
@@ -173,6 +173,6 @@ def test_a_motion_asked_for_again_is_not_followed_again(monkeypatch):
     assert len(followed) == 2
     for asked in others[2:]:
         follower.follow(asked)
-    assert len(followed) == len(follower.known) + 1 == N_KNOWN + 1, "the oldest is forgotten"
+    assert len(followed) == len(follower.known) + 1 == N_KEPT_MOTIONS + 1, "the oldest is forgotten"
     follower.follow(others[0])
-    assert len(followed) == N_KNOWN + 2
+    assert len(followed) == N_KEPT_MOTIONS + 2

@@ -463,7 +463,7 @@ def clearance_around(
     """Compute links' least distance from obstacles and payload [m], at most `cap`."""
     least, seen, is_near = cap, -1, False
     for i in links.moving:
-        if links.group[i] != seen:  # of whose links none may be near
+        if links.group[i] != seen:  # of whose links none may be near, up to the same error of distances
             seen = links.group[i]
             wide = links.group_radius[seen]
             is_near = wide <= links.radius[i] or (

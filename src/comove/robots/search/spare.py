@@ -24,7 +24,7 @@ from comove.robots.search.links import (
 
 EXACT = SEARCHING._replace(tolerance=1e-8)
 """Iteration for differences, where the end of an arm's reach is seen by how its joints turn."""
-N_KNOWN = 8  # motions whose joints are kept
+N_KEPT_MOTIONS = 8  # whose joints are kept
 
 
 class FollowerSettings(NamedTuple):
@@ -64,7 +64,7 @@ class ArmsFollower:
     at_ends : array, shape (n_kinds,), least distances at start and goal [m]
     settings : settings of the following arms
     strict : how often more clearance than the required one is added
-    known : the latest results by keypoints, oldest first, for all copies
+    known : the latest results by keypoints, oldest first, for all copies of the same arms, course and settings
     """
 
     arms: Arms
@@ -104,11 +104,13 @@ class ArmsFollower:
         """
         key = nodes.tobytes()
         if key not in self.known:
-            if len(self.known) == N_KNOWN:
-                del self.known[next(iter(self.known))]
+            if len(self.known) == N_KEPT_MOTIONS:
+                self.known.pop(next(iter(self.known)), None)
             self.known[key] = spare_along(
                 self.arms, np.ascontiguousarray(nodes), self.course, self.settings.lever
             )
+            for array in self.known[key]:
+                array.setflags(write=False)
         return self.known[key]
 
     def slopes(self, blocks: Blocks, q: Array, joints: Array, spare: Array) -> Array:
