@@ -6,6 +6,7 @@ import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier, Thread
 
 import numpy as np
 import pytest
@@ -259,5 +260,28 @@ def test_loading_names_leaves_the_garbage_collector_as_it_was(enabled):
             assert not gc.isenabled()
             raise RuntimeError
         assert gc.isenabled() is enabled
+    finally:
+        (gc.enable if was else gc.disable)()
+
+
+def test_threads_that_load_at_once_leave_the_garbage_collector_enabled():
+    was, inside = gc.isenabled(), Barrier(2)
+    gc.enable()
+    try:
+        first, second = uncollected(), uncollected()
+
+        def enter_later():
+            with second:
+                inside.wait()
+                inside.wait()  # for the first to have left
+
+        other = Thread(target=enter_later)
+        with first:
+            other.start()
+            inside.wait()
+        assert not gc.isenabled()
+        inside.wait()
+        other.join()
+        assert gc.isenabled()
     finally:
         (gc.enable if was else gc.disable)()
