@@ -37,9 +37,9 @@ def lazily(
 def uncollected() -> Iterator[None]:
     """Disable garbage collection in this context.
 
-    Modules and compilers make many objects that stay, and each collection would visit them all; at the end all objects
-    join the oldest generation. Threads may be in it at once: the last one that leaves enables it, if the first found it
-    so.
+    Modules and compilers make many objects that stay, and each collection would visit them all; at the end all of
+    them join the oldest generation. Threads may be in it at once: the last one that leaves enables it, if the first
+    found it so.
     """
     global _inside, _was_enabled
     with _lock:
