@@ -34,7 +34,7 @@ def one_hand(obstacles=(), **more):
 
 def by_one_function(moves):
     """Derivatives of any form are those of a basis of one function, which is 1."""
-    return Moves(moves, np.ones((len(moves), 1)))
+    return Moves(moves, np.ones((len(moves), 1)), np.zeros(moves.shape[2], dtype=bool))
 
 
 @pytest.mark.parametrize("name", ["one hand", "wide", "bar 0"])

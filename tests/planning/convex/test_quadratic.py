@@ -13,7 +13,7 @@ from tests.cases import examples
 
 N = 5
 NO_LIMITS = Limits(2, (np.inf, np.inf, np.inf)).linear(
-    np.zeros((3, 2)), Moves(np.zeros((3, 2, N)), np.ones((3, 1)))
+    np.zeros((3, 2)), Moves(np.zeros((3, 2, N)), np.ones((3, 1)), np.zeros(N, dtype=bool))
 )
 
 
@@ -68,7 +68,7 @@ def test_a_dear_slack_hides_no_progress(seed):
     clearances = Rows(rows, bound, np.zeros(200, dtype=np.int64), np.full(200, -np.inf))
     trust = Trust(np.eye(n), np.zeros(n), np.full(n, 10.0))
     limits = Limits(2, (np.inf, np.inf, np.inf)).linear(
-        np.zeros((3, 2)), Moves(np.zeros((3, 2, n)), np.ones((3, 1)))
+        np.zeros((3, 2)), Moves(np.zeros((3, 2, n)), np.ones((3, 1)), np.zeros(n, dtype=bool))
     )
     cheap, dear = (
         minimum(gradient, np.eye(n), clearances, trust, limits, Prices(price, 0.0, 1.0, 1.0, 0.0))

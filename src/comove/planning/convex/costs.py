@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.arrays import Array
-from comove.compiled import copy_to, kernel
+from comove.compiled import kernel
 from comove.dmp.system import N_INTERVALS
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
@@ -30,10 +31,12 @@ class Moves(NamedTuple):
     ----------
     slopes : array, shape (n_samples, n_hands * n_dims, n_columns), derivatives of the end effectors by the columns
     shape : array, shape (n_samples, n_basis), values of the basis functions
+    even : array of bool, shape (n_columns,), whether a column moves the end effectors alike at all samples
     """
 
     slopes: Array
     shape: Array
+    even: NDArray[np.bool_]
 
 
 class Term(NamedTuple):
@@ -57,6 +60,32 @@ class Term(NamedTuple):
         hands = hands if self.precision is None else (self.precision @ hands[:, :, None])[:, :, 0]
         return self.scale * (differences(hands, self.order) - self.target)
 
+    def normal_equations(self, hands: Array, moves: Moves) -> tuple[Array, Array]:
+        """Return the summands of `SumOfSquares.normal_equations`."""
+        slopes, shape, even = moves
+        if self.precision is not None:
+            slopes, even = self.precision @ slopes, np.zeros_like(even)
+        columns = np.argsort(~even, kind="stable")  # those that move hands evenly come first
+        n_columns, n_basis, n_even = len(even), shape.shape[1], int(even.sum())
+        first, n = n_even * n_basis, n_columns * n_basis
+        alike = np.ascontiguousarray(slopes[0][:, columns[:n_even]])
+        residuals, basis = self.residuals(hands), self.scale * differences(shape, self.order)
+        rows, mixed = _moved(slopes, shape, columns[n_even:], alike, self.order, self.scale)
+        flat = rows.reshape(residuals.size, n - first)
+        square, gradient = np.empty((n, n)), np.empty(n)
+        product = (alike.T @ alike)[:, None, :, None] * (basis.T @ basis)[:, None, :]
+        square[:first, :first] = product.reshape(first, first)
+        square[first:, first:] = flat.T @ flat
+        square[:first, first:] = (basis.T @ mixed).reshape(first, n - first)
+        square[first:, :first] = square[:first, first:].T
+        gradient[:first] = ((residuals @ alike).T @ basis).ravel()
+        gradient[first:] = residuals.ravel() @ flat
+        if (columns[1:] < columns[:-1]).any():
+            back = np.argsort(columns)
+            square = square.reshape(n_columns, n_basis, n_columns, n_basis)[back][:, :, back].reshape(n, n)
+            gradient = gradient.reshape(n_columns, n_basis)[back].ravel()
+        return square, gradient
+
 
 class SumOfSquares(ABC):
     """A sum of squares of sampled end effectors, plus their time."""
@@ -72,33 +101,21 @@ class SumOfSquares(ABC):
         """Return the sum for end effectors; `hands` has the shape (n_samples, n_hands * n_dims)."""
         return float(sum((term.residuals(hands) ** 2).sum() for term in self.terms(len(hands))))
 
-    def normal_equations(
-        self, hands: Array, moves: Moves, further: tuple[Array, Array] | None = None
-    ) -> tuple[Array, Array]:
+    def normal_equations(self, hands: Array, moves: Moves) -> tuple[Array, Array]:
         """Return the matrix and the vector of the normal equations.
 
-        Differences couple few neighbouring samples. So the matrix is the product of the basis functions with their
-        sums over neighbours, weighted by products of slopes.
-
-        Parameters
-        ----------
-        further : residuals that are added, and their derivatives by the columns at their sample; arrays, shapes
-            (n_samples, n) and (n_samples, n, n_columns)
+        Derivatives are products in which most columns, as those of centres, do not depend on time: their blocks are
+        products of small matrices (Kronecker).
 
         Returns
         -------
         array, shape (n_columns * n_basis, n_columns * n_basis), Gram matrix of the derivatives of the residuals
         array, shape (n_columns * n_basis,), half the gradient of the sum
         """
-        (slopes, shape), n_columns = moves, moves.slopes.shape[2]
-        sums = np.zeros((len(shape), n_columns * (n_columns + 1) // 2 * shape.shape[1]))
-        gradient = np.zeros(n_columns * shape.shape[1])
-        for term in self.terms(len(hands)):
-            own = slopes if term.precision is None else term.precision @ slopes
-            _add(term.residuals(hands), own, shape, term.order, term.scale, sums, gradient)
-        if further is not None:
-            _add(*further, shape, 0, 1.0, sums, gradient)
-        return _square(shape.T @ sums, n_columns), gradient
+        squares, gradients = zip(
+            *(term.normal_equations(hands, moves) for term in self.terms(len(hands))), strict=True
+        )
+        return sum(squares[1:], squares[0]), sum(gradients[1:], gradients[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +241,6 @@ def jerk_cost(
     return squares(motion.scene, objective, demonstration, precision=precision).value(hands)
 
 
-REACH = 3  # samples between those that a difference couples, at most
 # Coefficients of differences of order 0 to 3.
 STENCILS = np.array(
     [[1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]]
@@ -274,68 +290,44 @@ def differences(y, order):
 
 
 @kernel
-def _add(residuals, slopes, shape, order, scale, sums, gradient):
-    """Add a term to sums and gradient of `SumOfSquares.normal_equations`.
+def _moved(slopes, shape, columns, alike, order, scale):
+    """Return derivatives of a term's residuals by the weights of columns.
 
     Parameters
     ----------
-    residuals, slopes : arrays, shapes (n_rows, n_rates) and (n_samples, n_rates, n_columns)
+    slopes : array, shape (n_samples, n_rates, n_columns)
     shape : array, shape (n_samples, n_basis)
-    sums : array, shape (n_samples, n_pairs * n_basis), pairs of columns in the order of an upper triangle
-    gradient : array, shape (n_columns * n_basis,)
+    columns : array of int, shape (n,)
+    alike : array, shape (n_rates, n_even)
+
+    Returns
+    -------
+    array, shape (n_rows, n_rates, n * n_basis)
+    array, shape (n_even, n_rows, n * n_basis), their products with `alike`
     """
-    (n_samples, n_rates, n_columns), n_basis = slopes.shape, shape.shape[1]
-    coupled, pulled = np.zeros((n_samples, 2 * REACH + 1)), np.zeros((n_samples, n_rates))
-    padded, weights = np.zeros((n_samples + 2 * REACH, n_basis)), np.empty((n_columns, 2 * REACH + 1))
-    scale *= (n_samples - 1.0) ** order
-    for s in range(n_samples):
-        copy_to(shape[s], padded[s + REACH])
-    for row in range(residuals.shape[0]):
+    (n_samples, n_rates, _), n_basis, n, n_even = (
+        slopes.shape,
+        shape.shape[1],
+        columns.shape[0],
+        alike.shape[1],
+    )
+    n_rows, scale = n_differences(order, n_samples), scale * (n_samples - 1.0) ** order
+    rows, mixed = np.empty((n_rows, n_rates, n * n_basis)), np.zeros((n_even, n_rows, n * n_basis))
+    for row in range(n_rows):
         first, count, sign = stencil(order, row, n_samples)
-        for j in range(count):
-            for i in range(count):
-                product = STENCILS[count - 1, i] * STENCILS[count - 1, j]
-                coupled[first + j, REACH + i - j] += scale**2 * product
-            for h in range(n_rates):
-                pulled[first + j, h] += sign * scale * STENCILS[count - 1, j] * residuals[row, h]
-    for s in range(n_samples):
-        near, first = padded[s : s + 2 * REACH + 1], 0
-        for c in range(n_columns):
-            along = 0.0
-            for h in range(n_rates):
-                along += slopes[s, h, c] * pulled[s, h]
-            for k in range(n_basis):
-                gradient[c * n_basis + k] += along * shape[s, k]
-            for e in range(c, n_columns):
-                for d in range(2 * REACH + 1):
-                    weights[e, d] = 0.0
-            for d in range(REACH - order, REACH + order + 1):
-                for h in range(n_rates if coupled[s, d] != 0.0 else 0):
-                    factor = coupled[s, d] * slopes[s, h, c]
-                    if factor != 0.0:  # of centres most are 0
-                        for e in range(c, n_columns):
-                            weights[e, d] += factor * slopes[s + d - REACH, h, e]
-            for e in range(c, n_columns):
-                u, v, w, x = weights[e, 0], weights[e, 1], weights[e, 2], weights[e, 3]
-                y, z, r = weights[e, 4], weights[e, 5], weights[e, 6]
-                out, first = sums[s, first : first + n_basis], first + n_basis
-                if abs(u) + abs(v) + abs(w) + abs(x) + abs(y) + abs(z) + abs(r) == 0.0:
-                    continue
+        s, t, u = min(first + 1, n_samples - 1), min(first + 2, n_samples - 1), min(first + 3, n_samples - 1)
+        a, b, c, d = STENCILS[count - 1] * (sign * scale)
+        values, second, third, fourth = shape[first], shape[s], shape[t], shape[u]
+        for h in range(n_rates):
+            for i in range(n):
+                out, column = rows[row, h, i * n_basis : (i + 1) * n_basis], columns[i]
+                x, y = a * slopes[first, h, column], b * slopes[s, h, column]
+                z, w = c * slopes[t, h, column], d * slopes[u, h, column]
                 for k in range(n_basis):
-                    before = u * near[0, k] + v * near[1, k] + w * near[2, k]
-                    out[k] += before + x * near[3, k] + y * near[4, k] + z * near[5, k] + r * near[6, k]
-
-
-@kernel
-def _square(products, n_columns):
-    """Return the matrix whose upper triangle of blocks is given; they have the shape (n_basis, n_pairs * n_basis)."""
-    n_basis, first = products.shape[0], 0
-    square = np.empty((n_columns * n_basis, n_columns * n_basis))
-    for c in range(n_columns):
-        for e in range(c, n_columns):
-            for k in range(n_basis):
-                for i in range(n_basis):
-                    square[c * n_basis + k, e * n_basis + i] = products[k, first + i]
-                    square[e * n_basis + i, c * n_basis + k] = products[k, first + i]
-            first += n_basis
-    return square
+                    out[k] = x * values[k] + y * second[k] + z * third[k] + w * fourth[k]
+            for e in range(n_even):
+                if alike[h, e] != 0.0:
+                    out, every = mixed[e, row], rows[row, h]
+                    for k in range(n * n_basis):
+                        out[k] += alike[h, e] * every[k]
+    return rows, mixed

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.arrays import Array, Integers
 from comove.dmp.basis import MotionBasis
@@ -104,6 +105,13 @@ class Curves:
         n_free = self.coordinates.n_columns if self.free is None else self.free.shape[1]
         return n_free * self.basis.n_basis
 
+    @cached_property
+    def even(self) -> NDArray[np.bool_]:
+        """Return which free directions move the hands alike at all samples; array, shape (n_free,)."""
+        centers = self.coordinates.blocks.center[:, : self.scene.n_dims]
+        is_center = np.isin(np.arange(self.coordinates.n_columns), centers)
+        return is_center if self.free is None else np.logical_not(self.free[~is_center].any(axis=0))
+
     def motion(self, z: Array) -> CoordinatedMotion:
         """Return the motion with the shape weights `z`."""
         weights = z.reshape(-1, self.basis.n_basis)
@@ -167,20 +175,16 @@ class Gauge(NamedTuple):
         ]
         return np.concatenate([np.zeros(0), *lengths])
 
-    def moves(self, q: Array, weight: float, free: Array | None) -> tuple[Array, Array] | None:
-        """Return `lengths` and their derivatives by free directions, as `SumOfSquares.normal_equations` adds them.
-
-        They are 0 at samples in between. None where there is nothing to keep.
-        """
-        if not self.turns:
-            return None
-        lengths, slopes = np.zeros((len(q), len(self.turns))), np.zeros((len(q), len(self.turns), q.shape[1]))
-        for i, (turn, reach) in enumerate(self.turns):
+    def moves(self, curves: Curves, q: Array, weight: float) -> Array:
+        """Return the derivatives of `lengths` at coarse samples by the shape weights; array, shape (n, curves.n)."""
+        rows = [np.zeros((0, curves.n))]
+        for turn, reach in self.turns:
             p = q[::GAUGE_EVERY, turn]
-            length = np.linalg.norm(p, axis=1)
-            lengths[::GAUGE_EVERY, i] = weight * reach * (length - 1.0)
-            slopes[::GAUGE_EVERY, i, turn] = weight * reach * p / length[:, None]
-        return lengths, slopes if free is None else slopes @ free
+            unit = p / np.linalg.norm(p, axis=1, keepdims=True)
+            row = np.zeros((len(p), q.shape[1], curves.basis.n_basis))
+            row[:, turn] = weight * reach * unit[:, :, None] * curves.coarse.shape[::GAUGE_EVERY, None, :]
+            rows.append(curves.of_free(row).reshape(len(p), -1))
+        return np.concatenate(rows)
 
 
 class Watched(NamedTuple):

@@ -128,7 +128,7 @@ class LinearLimits(NamedTuple):
         """
         if not len(self.orders):
             return np.zeros((0, len(dz))), np.zeros(0)
-        slopes, shape = self.moves
+        slopes, shape, _ = self.moves
         return _cuts(
             self.n_dims, self.hands, slopes, shape, self.orders, self.values, self.pace, dz, dp, share
         )

@@ -179,8 +179,9 @@ def stand(
     q = p.curves.coarse.q(z)
     nodes, hands = p.curves.hands(q)
     moves = p.moves_of_hands(q, nodes)
-    gauge = p.gauge.moves(q, settings.gauge, p.curves.free)
-    square, gradient = cost.normal_equations(hands, moves, gauge)
+    square, gradient = cost.normal_equations(hands, moves)
+    lengths, rows = p.gauge.lengths(q, settings.gauge), p.gauge.moves(p.curves, q, settings.gauge)
+    square, gradient = square + rows.T @ rows, gradient + rows.T @ lengths
     square.flat[:: p.curves.n + 1] += 1e-9 * np.trace(square) / p.curves.n
     whiten = inverse_of_lower(np.linalg.cholesky(square))
     gradient = whiten @ gradient
@@ -189,7 +190,7 @@ def stand(
     seen = p.look(own if reference is None else reference, cutoff, need)
     missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
     pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
-    value = cost.value(hands) + (float((gauge[0] ** 2).sum()) if gauge else 0.0) + cost.haste * pace
+    value = cost.value(hands) + float(lengths @ lengths) + cost.haste * pace
     wish = _wish(p, seen, settings, need)
     limits = p.limits.linear(hands, moves, pace)
     return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)

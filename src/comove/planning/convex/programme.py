@@ -244,7 +244,7 @@ class ConvexProgramme:
         slopes = hand_slopes(curves.coordinates.blocks, self.load.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
         free = curves.free
-        return Moves(slopes if free is None else slopes @ free, curves.coarse.shape)
+        return Moves(slopes if free is None else slopes @ free, curves.coarse.shape, curves.even)
 
     def value(self, cost: SumOfSquares, z: Array, gauge: float) -> tuple[float, Array]:
         """Return the cost at weights `z`, plus the gauge, and end effectors."""

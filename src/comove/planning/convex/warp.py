@@ -33,9 +33,8 @@ def warped(
         return z
     warp = settings.warp
     speed = _slopes(hands)
-    square, gradient = cost.normal_equations(
-        hands, Moves(speed[:, :, None], _waves(len(hands), warp.n_waves))
-    )
+    moves = Moves(speed[:, :, None], _waves(len(hands), warp.n_waves), np.zeros(1, dtype=bool))
+    square, gradient = cost.normal_equations(hands, moves)
     order = np.arange(1, warp.n_waves + 1)
     square.flat[:: len(order) + 1] += warp.smooth * np.trace(square) / len(order) * (np.pi * order) ** 2
     heights = -np.linalg.solve(square, gradient)
