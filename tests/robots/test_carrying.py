@@ -27,7 +27,7 @@ from tests.robots.known_carry import TABLE, known_carry, on_scene, posts, scene_
 from tests.robots.small_robots import EXAMPLES, gantry, gantry_scene, movement, robot, task
 
 EXAMPLES_DIR = Path(__file__).parents[2] / "examples" / "robots"
-NOWHERE = SimpleNamespace(clock=None)  # a space in which nothing is planned
+NOWHERE = SimpleNamespace(clock=None, untimed=None)  # a space in which nothing is planned
 NAMES = ("gantry", "gap_30", "two_pandas", "ur5_and_panda")
 
 

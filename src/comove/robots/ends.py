@@ -125,7 +125,7 @@ class Tally:
             self.ill[pair] += 1.0
 
 
-class MissedPose(SceneError):
+class MissedPose(Exception):
     """An end that an arm may reach from more seeds."""
 
 
