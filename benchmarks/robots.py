@@ -198,7 +198,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "joints at ends": ((EndJoints, "solved"), (EndJoints, "branches"), (EndJoints, "pairs")),
     "ends checked": (
         (robots_solving, "warn_of_buried_links"),
-        (RobotCarrier, "tightness_at_ends"),
+        (RobotCarrier, "may_be_clear_at_ends"),
         (RobotCarrier, "require_clear_ends"),
     ),
     "search's set-up": ((solver, "_search_for"), (Plans, "of")),

@@ -53,7 +53,7 @@ def uncollected() -> Iterator[None]:
         with _lock:
             _inside -= 1
             if _inside == 0 and _was_enabled:
-                if not gc.get_freeze_count():
+                if not gc.get_freeze_count():  # or the first new object would lead to a collection of all
                     gc.freeze()
                     gc.unfreeze()
                 gc.enable()

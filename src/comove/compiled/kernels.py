@@ -376,7 +376,7 @@ def sort_by(keys: Any, order: Any, begin: int, end: int, spare: Any) -> None:
 
     Parameters
     ----------
-    keys : array, shape (n,)
+    keys : array, shape (n,), without NaN
     order : array of int, shape (n,), indices into `keys`; those from `begin` to `end` are sorted
     spare : array of int, shape (n,), memory
     """

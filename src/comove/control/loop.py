@@ -274,16 +274,13 @@ class ControlLoop:
     def record(self, poses: list[HandPoses], scene: Scene | None = None) -> Record:
         """Return the record of poses at every control step. The obstacles' motions are those of `scene`, if given."""
         time = self.period * np.arange(len(poses), dtype=np.float64)
-        if scene is None:
-            truth = self._truth(time)
-        else:
-            truth = scene.centers + scene.offsets(time), scene.obstacle_sagittas(time)
+        known = None if scene is None else (scene.centers_at(time), scene.obstacle_sagittas(time))
         return Record(
             scene or self.scene,
             time,
             np.array([p.center for p in poses]),
             np.array([p.quaternion for p in poses]),
-            *truth,
+            *(known or self._truth(time)),
         )
 
     @property

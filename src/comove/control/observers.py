@@ -84,7 +84,7 @@ class Known(Observer):
 
     def ground_truth(self, time: Array) -> Array:
         """Return the file's positions of the centres; array, shape (n_times, n_obstacles, 3) [m]."""
-        return self.scene.centers + self.scene.offsets(time)
+        return self.scene.centers_at(time)
 
 
 class Functions(Observer):
@@ -163,7 +163,7 @@ class _OwnMotions(Functions):
     """An observer of the scene's own motions with unknown future."""
 
     def ground_truth(self, time: Array) -> Array:
-        return self.scene.centers + self.scene.offsets(time)
+        return self.scene.centers_at(time)
 
 
 @dataclass(frozen=True, eq=False)

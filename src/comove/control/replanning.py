@@ -149,6 +149,7 @@ class PlanReplanner(Replanner):
         self.demonstration, self.seed, self.pace = demonstration, seed, pace
         self.plan: Plan | None = None
         self._last: Plan | None = None  # that was followed
+        self._first, self._poses = 0, list[HandPoses]()  # the step from which on it is sampled
         self._watched = self._planned = -np.inf
         self._patience = pace.patience
 

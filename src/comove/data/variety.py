@@ -55,7 +55,7 @@ def passing_class(motion: CoordinatedMotion) -> str:
     scene, path = motion.scene, center_path(motion, N_WORD)
     if not len(scene.file.obstacles):
         return ""
-    centers = scene.centers + scene.offsets(np.linspace(0.0, scene.duration, N_WORD))
+    centers = scene.centers_at(np.linspace(0.0, scene.duration, N_WORD))
     views = ((0, 1),) if scene.n_dims == 2 else ((0, 1), (0, 2))
     return " | ".join(word_text(crossings(path[:, view], centers[..., view])) for view in map(list, views))
 

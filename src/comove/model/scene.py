@@ -547,6 +547,10 @@ class Scene:
         time = self.begins + time
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
+    def centers_at(self, time: Array) -> Array:
+        """Return the positions of the obstacles' centres at times [s]. Array, shape (n_times, n_obstacles, 3) [m]."""
+        return self.centers + self.offsets(time)
+
     def displacements(self, time: Array) -> Displacements:
         """Return the obstacles' displacements by table row, for kernels.
 
@@ -648,7 +652,7 @@ class Scene:
             return self.obstacles
         now = np.array([time])
         if centers is None:
-            centers = self.centers + self.offsets(now)[0]
+            centers = self.centers_at(now)[0]
         turns = self.turns(now)[0] if self.turning.any() else np.zeros_like(centers)
         return _placed(self.obstacles, self.owners, centers, turns)
 

@@ -184,7 +184,7 @@ def along(space, path, shares):
     reached = distances_along(space, path)
     out, at = np.empty((shares.shape[0], shares.shape[1], path.shape[1])), np.empty(shares.shape[1])
     for profile in range(shares.shape[0]):
-        for k in range(shares.shape[1]):
+        for k in range(shares.shape[1]):  # an array expression would take much longer to compile
             at[k] = shares[profile, k] * reached[-1]
         sample(space, path, reached, at, out[profile])
     return out

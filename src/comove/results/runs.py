@@ -127,7 +127,7 @@ def verify_run(stored: StoredRun) -> ExecutionReport:
         If the arrays do not belong to the scene, or are no numbers.
     """
     scene, recorded = stored.scene, stored.record
-    moved = scene.centers + scene.offsets(recorded.time)
+    moved = scene.centers_at(recorded.time)
     record = replace(recorded, obstacles=moved)
     report = verify_execution(record)
     reasons = [*report.reasons, *_impossible(record), *_elsewhere(recorded, record)]

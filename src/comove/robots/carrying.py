@@ -561,6 +561,8 @@ class RobotCarrier(LimitedKinematics):
             If an arm cannot reach its start or its goal.
         RobotError
             If no joints there admit a required approach or release.
+        MissedPose
+            If an arm may reach an end, but not from the first seeds.
         """
         for retreat in self._retreats.values():
             retreat.require_free_rest()
@@ -630,15 +632,15 @@ class RobotCarrier(LimitedKinematics):
         """Return the least joint rotation to the start and goal [rad]. It is much more where links touch."""
         first, last = self._pairs[0]
         away = apart(self.ends.present, first) + apart(first, last)
-        return away + (0.0 if self.tightness_at_ends < 2 else 2.0 * np.pi)
+        return away + (0.0 if self.may_be_clear_at_ends else 2.0 * np.pi)
 
     @property
-    def tightness_at_ends(self) -> int:
-        """Return the worse `EndJoints.tightness` of the likeliest joints at both ends."""
-        return int(self.ends.tight(np.array(self._clearance_at_ends)))
+    def may_be_clear_at_ends(self) -> bool:
+        """Return whether the likeliest joints at both ends may be clear. Capsules, which are wider, decide."""
+        return self._clearance_at_ends > self.scene.clearance - FAT
 
     @property
-    def are_ends_clear(self) -> bool:
+    def is_clear_at_ends(self) -> bool:
         """Return whether capsules alone tell that both ends are clear.
 
         Bodies may stick out of their capsules a little, and solid payloads are lines.

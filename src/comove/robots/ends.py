@@ -270,7 +270,9 @@ class EndJoints:
         Raises
         ------
         SceneError
-            If an arm cannot reach the end; `MissedPose` if it may from other seeds.
+            If an arm cannot reach the end.
+        MissedPose
+            If an arm may reach the end, but not from the first seeds.
         """
         nodes, posture, n = self.scene.nodes_at(end), self._near(end), len(self.holders)
         rotations, found, chains = self.grasp.hand_rotations(nodes), list[Array](), self.arms.chains

@@ -208,9 +208,7 @@ def _carried(
         carrier.require_reach()
         if _keeps_duration(scene, wanted["objective"]):
             carrier.require_room_for_obstacles()
-        if (
-            tried is None and not scene.moving.any() and carrier.tightness_at_ends == 2
-        ):  # by capsules, which are wider than links
+        if tried is None and not scene.moving.any() and not carrier.may_be_clear_at_ends:
             carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
     search = partial(_in_time, scene, method, wanted)
@@ -395,7 +393,7 @@ def _clear_ways(
     def is_clear(k: int, carrier: RobotCarrier) -> bool:
         try:
             known = kept or not carrier.scene.moving.any()
-            if known and not carrier.are_ends_clear:
+            if known and not carrier.is_clear_at_ends:
                 carrier.require_clear_ends()
         except (SceneError, RobotError) as error:
             errors[k] = error

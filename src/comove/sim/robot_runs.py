@@ -148,7 +148,7 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
     arrays, summary = stored.arrays, stored.summary
     _require_shapes(stored, scene, robot)
     time = arrays["time"]
-    moved = scene.centers + scene.offsets(time)
+    moved = scene.centers_at(time)
     record = OnlineRecord(
         scene,
         robot,

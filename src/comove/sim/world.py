@@ -181,7 +181,7 @@ def moving_poses(scene: Scene, time: Array) -> tuple[Array, Array]:
     position, quaternion : arrays, shape (n_steps, n_moving, 3) [m] and (n_steps, n_moving, 4), w x y z
     """
     own = np.flatnonzero(scene.moving)
-    return (scene.centers + scene.offsets(time))[:, own], exponential(scene.turns(time)[:, own])
+    return scene.centers_at(time)[:, own], exponential(scene.turns(time)[:, own])
 
 
 def moving_body(obstacle: int) -> str:

@@ -165,7 +165,7 @@ class RecordSamples:
     @cached_property
     def obstacles(self) -> Array:
         """Return the positions of the obstacles' centres; array, shape (n_steps, n_obstacles, 3) [m]."""
-        return self.scene.centers + self.scene.offsets(self.time)
+        return self.scene.centers_at(self.time)
 
     @cached_property
     def sagitta(self) -> Array:
@@ -251,13 +251,11 @@ def clearance_of(record: Record | RecordSamples) -> Clearance:
     kinks = {t - scene.begins for motion in scene.motions if motion is not None for t in motion.kinks}
     inside = [*kinks, *SETTINGS.turning_times(scene, float(time[-1]))]
     cut = np.union1d(time, [t for t in inside if time[0] < t < time[-1]])
-    if len(cut) > len(time) and np.allclose(
-        obstacles, scene.centers + scene.offsets(time), rtol=0.0, atol=1e-12
-    ):
+    if len(cut) > len(time) and np.allclose(obstacles, scene.centers_at(time), rtol=0.0, atol=1e-12):
         k = np.clip(np.searchsorted(time, cut, side="right") - 1, 0, len(time) - 2)
         share = ((cut - time[k]) / (time[k + 1] - time[k]))[:, None, None]
         nodes, chord_deviations = (1 - share) * nodes[k] + share * nodes[k + 1], chord_deviations[k[:-1]]
-        obstacles, sagitta, time = scene.centers + scene.offsets(cut), scene.obstacle_sagittas(cut), cut
+        obstacles, sagitta, time = scene.centers_at(cut), scene.obstacle_sagittas(cut), cut
     paths = Paths(obstacles - scene.centers, scene.turns(time), sagitta)
     return certify_curve(scene, CurveArrays(nodes, chord_deviations), time, paths)
 

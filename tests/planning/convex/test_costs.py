@@ -37,3 +37,21 @@ def test_normal_equations_are_the_value_after_any_change(cost, even):
     there = hands + np.einsum("shc,sk,ck->sh", slopes, shape, dz.reshape(N_COLUMNS, N_BASIS))
     change = cost.value(there) - cost.value(hands)
     assert 2 * gradient @ dz + dz @ square @ dz == pytest.approx(change, rel=1e-9)
+
+
+def test_normal_equations_of_smooth_motions_are_as_exact_as_their_derivatives():
+    """Third differences of smooth motions are 1e-7 of the motions: sums of products of motions would cancel."""
+    n_samples, n_basis, cost = 201, 24, COSTS["jerk"]
+    s, k = np.linspace(0.0, 1.0, n_samples)[:, None], np.pi * np.arange(1.0, n_basis + 1.0)
+    shape, slopes, still = np.sin(k * s) / k**3, np.zeros((n_samples, 2, 2)), np.zeros((n_samples, 2))
+    slopes[:, 0, 0], slopes[:, 1, 1] = 1.0, 0.01 * (1.0 + s[:, 0])
+    square, _ = cost.normal_equations(still, Moves(slopes, shape, np.array([True, False])))
+    changes = [shape[:, b, None] * slopes[:, :, c] for c in range(2) for b in range(n_basis)]
+    exact = np.zeros_like(square)
+    for term in cost.terms(n_samples):
+        rows = np.stack(
+            [(term.residuals(hands) - term.residuals(still)).ravel() for hands in changes], axis=1
+        )
+        exact += rows.T @ rows
+    scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+    assert (np.abs(square - exact) / scale).max() < 1e-9

@@ -76,7 +76,7 @@ def movements_of(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples
     loads = [f"load{number or ''}" for number in range(len(bodies))]
     for name, g in zip(loads, bodies, strict=True):
         yield name, RecordedSamples(time, poses.center[:, g], orientation=poses.quaternion[:, g])
-    centers, taken = scene.centers + scene.offsets(time), {*scene.manipulators, *loads}
+    centers, taken = scene.centers_at(time), {*scene.manipulators, *loads}
     turned = scene.orientations(time)
     for i, name in enumerate(obstacle_names(scene)):
         is_topic = rosbag.NAME.fullmatch(name) and name not in taken

@@ -140,7 +140,7 @@ class EpisodeSamples:
         scene, n_steps = self.scene, len(self.time)
         centers = np.zeros((n_steps, 0))
         if scene.file.obstacles:
-            centers = (scene.centers + scene.offsets(self.time))[..., : scene.n_dims].reshape(n_steps, -1)
+            centers = scene.centers_at(self.time)[..., : scene.n_dims].reshape(n_steps, -1)
         fixed = np.concatenate([payload_size(scene), [scene.load_mass or 0.0, scene.duration]])
         still = [np.tile(values, (n_steps, 1)) for values in (scene.goal.ravel(), fixed)]
         return np.concatenate([still[0], centers, *obstacle_sizes(scene, self.time), still[1]], axis=1)

@@ -144,7 +144,7 @@ class LedObstacles(Functions):
 
     def ground_truth(self, time: Array) -> Array:
         """Return the true positions of all obstacles. Array, shape (n_times, n_obstacles, 3) [m]."""
-        centers = self.scene.centers + self.scene.offsets(time)
+        centers = self.scene.centers_at(time)
         for obstacle, led in self.led.items():
             centers[:, obstacle] = [led.at(instant) for instant in time.tolist()]
         return centers
