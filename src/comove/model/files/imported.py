@@ -10,13 +10,14 @@ import os
 import re
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BeforeValidator
 
-from comove.errors import InputError, SceneError
+from comove.errors import InputError, SceneError, near_name, shortened
 from comove.geometry.rotations import matrices, quaternion_of_rotation
-from comove.io.keys import MAX_NAME, UNTURNED, Part, Quaternion, Vector
+from comove.io.keys import MAX_NAME, UNTURNED, Part, Quaternion, Vector, as_tuple
 
 READERS = {
     "moveit": "comove.model.files.moveit.obstacles_in",
@@ -25,18 +26,24 @@ READERS = {
 }
 """Functions that read the obstacles of a file, given its path, by the shape that names them in a scene."""
 
+Names = Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
+
 
 class ImportedObstacles(Part):
     """The obstacles of another `file`, whose frame is at `center` [m].
 
-    For spatial scenes only. `moveit` is a planning scene in MoveIt's text format (.scene), `urdf` and `mjcf` are
-    models, whose collision bodies are placed with all joints at 0, or as the model starts.
+    For spatial scenes only. `moveit` is a planning scene, in MoveIt's text format (.scene) or a bag of ROS 2; `urdf`
+    and `mjcf` are models, whose collision bodies are placed with all joints at 0, or as the model starts.
     """
 
     shape: Literal["moveit", "urdf", "mjcf"]
     file: str
     center: Vector = (0.0, 0.0, 0.0)
     quaternion_wxyz: Quaternion = UNTURNED
+    leave_out: Names = ()
+    """Names in the file of what becomes no obstacle."""
+    supports: Names = ()
+    """Names in the file of that on which the payload may rest."""
 
     def obstacles(self, folder: Path, file: object, key: str) -> list[dict[str, Any]]:
         """Return the obstacles as entries of a scene.
@@ -50,7 +57,7 @@ class ImportedObstacles(Part):
         """
         module, _, reader = READERS[self.shape].rpartition(".")
         try:
-            found = getattr(import_module(module), reader)(folder / self.file)
+            found = self._chosen(getattr(import_module(module), reader)(folder / self.file))
         except InputError as error:
             where = "" if error.key is None else f"{error.key}: "
             message = f"'{self.file}': {where}{error.message}"
@@ -68,3 +75,19 @@ class ImportedObstacles(Part):
                 path = entry.get("file", folder / self.file)
                 entry["file"] = Path(os.path.relpath(path, folder)).as_posix()
         return found
+
+    def _chosen(self, found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Return the entries that become obstacles, with supports marked."""
+        names = [entry.get("name", "") for entry in found]
+        for key, given in (("leave_out", self.leave_out), ("supports", self.supports)):
+            for name in given:
+                if name not in names:
+                    way_out = near_name(name, dict.fromkeys(names))
+                    raise SceneError(f"it holds no '{shortened(name)}'", key=key, way_out=way_out)
+        kept = [entry for entry, name in zip(found, names, strict=True) if name not in self.leave_out]
+        for entry in kept:
+            if "refused" in entry:
+                raise entry["refused"]
+            if entry.get("name") in self.supports:
+                entry["support"] = True
+        return kept
