@@ -1,4 +1,4 @@
-"""Planning scenes of MoveIt in bags of ROS 2, and the definitions of their messages.
+"""Planning scenes of MoveIt in bags of ROS 2. Definitions of their messages.
 
 A bag is read as MoveIt's planning scene monitor reads its topics: whole scenes replace what was there, others change
 it. What `move_group` publishes, ``/monitored_planning_scene``, holds everything and is read alone. Cylinders and
@@ -217,7 +217,7 @@ class _Monitor:
         self.objects[name] = own if there is None else there._replace(shapes=there.shapes + own.shapes)
 
     def of_attached(self, message: Any) -> None:
-        """Apply an object that is attached to a link, or detached from it."""
+        """Apply an object that is attached to a link, or detached."""
         name, link = message.object.id, message.link_name
         if int(message.object.operation) == REMOVE:
             gone = [key for key, one in self.attached.items() if name in ("", key) and link in ("", one.link)]
@@ -297,11 +297,10 @@ def _shapes(message: Any) -> Iterator[Shape]:
         points = [(point.x, point.y, point.z) for point in shape.vertices]
         vertices = np.array(points, dtype=np.float64).reshape(-1, 3)
         faces = np.array([one.vertex_indices for one in shape.triangles], dtype=np.int64).reshape(-1, 3)
-        told = fault_of_triangles(len(vertices), faces)
-        if told is not None or not np.isfinite(vertices).all():
-            raise SceneError(
-                f"the object {where}: {told or 'vertices are not finite'}", way_out="record it anew"
-            )
+        fault = fault_of_triangles(len(vertices), faces)
+        if fault is not None or not np.isfinite(vertices).all():
+            told = f"the object {where}: {fault or 'vertices are not finite'}"
+            raise SceneError(told, way_out="correct it where it is made, and record it anew")
         yield Shape("mesh", np.empty(0), pose, where, (vertices, faces))
     for shape, pose in posed("planes", message.planes, message.plane_poses):
         yield Shape("plane", np.array(shape.coef, dtype=np.float64), pose, where)
