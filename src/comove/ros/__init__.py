@@ -1,6 +1,7 @@
 """Export of verified joint motions to files and messages of robots."""
 
 from comove.errors import ExportError, SendError
+from comove.ros.bags import moveit_messages
 from comove.ros.formats import FORMATS, ExportFormat, check_export, export, usual_format
 from comove.ros.parts import IN_STEP, JointSamples, MotionPart, MotionProvenance, parts_of
 from comove.ros.ros1 import Ros1Client
@@ -21,6 +22,7 @@ __all__ = [
     "TrajectoryClient",
     "check_export",
     "export",
+    "moveit_messages",
     "parts_of",
     "send",
     "usual_format",
