@@ -75,6 +75,8 @@ class PlanningScene:
     joints : joint positions of the robot, by name [rad, m]
     attached : objects attached to the robot
     allowed : pairs of links or objects that may touch; one name alone may touch all others
+    compared : names of the allowed collision matrix, whose other pairs may not touch
+    padded : links that are padded or scaled
     """
 
     objects: tuple[CollisionObject, ...] = ()
@@ -83,6 +85,8 @@ class PlanningScene:
     joints: Mapping[str, float] = field(default_factory=dict)
     attached: tuple[AttachedObject, ...] = ()
     allowed: frozenset[frozenset[str]] = frozenset()
+    compared: frozenset[str] = frozenset()
+    padded: frozenset[str] = frozenset()
 
     def pose_of(self, one: CollisionObject) -> Array:
         """Return the pose of an object in the planning frame; array, shape (4, 4).

@@ -168,7 +168,13 @@ class _Monitor:
             poses = {name: _transform(one.transform, name) for name, one in fixed.items()}
             self.scene = replace(self.scene, frame=frame, transforms=poses)
         if message.allowed_collision_matrix.entry_names:
-            self.scene = replace(self.scene, allowed=_allowed(message.allowed_collision_matrix))
+            matrix = message.allowed_collision_matrix
+            self.scene = replace(self.scene, allowed=_allowed(matrix), compared=frozenset(matrix.entry_names))
+        changed = {one.link_name: one.padding != 0.0 for one in message.link_padding}
+        for one in message.link_scale:
+            changed[one.link_name] = changed.get(one.link_name, False) or one.scale != 1.0
+        padded = self.scene.padded - changed.keys() | {name for name, is_so in changed.items() if is_so}
+        self.scene = replace(self.scene, padded=padded)
         state = message.robot_state.joint_state
         joints = dict(zip(state.name, map(float, state.position), strict=False))
         self.scene = replace(self.scene, joints={**self.scene.joints, **joints})
