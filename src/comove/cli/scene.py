@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -116,7 +117,7 @@ def import_(
     from comove.model import Scene
     from comove.model.files.upgrade import as_text
     from comove.robots import Robot, bundled_robots, find_description
-    from comove.robots.planning_scenes import Goal, ImportOptions, scene_from
+    from comove.robots.planning_scenes import Goal, ImportOptions, scene_from, with_supports_at_rest
 
     folder = file.absolute().parent if out is None else out.absolute().parent
     if out is not None:
@@ -126,7 +127,7 @@ def import_(
     stem = file.stem if out is None else out.stem
     found = scene_from(file, loaded, folder, stem, options)
     named = robot if robot in bundled_robots() else os.path.relpath(find_description(robot), folder)
-    data = found.data | {"robot": named}
+    data: dict[str, Any] = {"version": 2, "name": stem, "robot": named} | found.data
     if found.meshes and out is None:
         told = "the payload's meshes are written beside the scene"
         raise SceneError(told, file=file, key="--out", way_out="name the scene to write: --out scene.yaml")
@@ -134,8 +135,17 @@ def import_(
         for name, mesh in found.meshes.items():
             _give(mesh.decode(), folder / name)
             undo.callback((folder / name).unlink)
+        data, idle = with_supports_at_rest(data, folder)
         Scene.from_dict(data, folder=folder)
+        notes = [*found.notes]
+        if idle:
+            notes.append(
+                f"the payload keeps clear of what it may touch and does not rest on: {', '.join(idle)}"
+            )
         if out is None:
+            if found.present:
+                notes.append("joints are written beside the scene, where --out says")
+            say(*(f"  - {note}" for note in notes), file=sys.stderr)
             print(as_text(data), end="")
             return VERIFIED
         present = out.with_name(f"{out.stem}-present.yaml")
@@ -144,9 +154,7 @@ def import_(
             undo.callback(present.unlink)
         _give(as_text(data), out)
         undo.pop_all()
-    say(f"{out}: a scene for {loaded.name}")
-    for note in found.notes:
-        say(f"  - {note}")
+    say(f"{out}: a scene for {loaded.name}", *(f"  - {note}" for note in notes))
     command = f"comove solve {out}" + (f" --present {present}" if found.present else "") + " --out carried"
     rows = [("grasps", "proposed" if data["grasps"] == "auto" else f"of {' and '.join(data['grasps'])}")]
     rows += [("joints", f"of the planning scene, {present}")] if found.present else []

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from comove.arrays import Array
-from comove.errors import RobotError, SceneError, listed, near_name, shortened
+from comove.errors import ComoveWarning, RobotError, SceneError, listed, near_name, shortened
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.io.keys import MAX_NAME
 from comove.model.files.keys import Turned
@@ -33,6 +34,7 @@ from comove.model.files.moveit import (
     planning_scene_in,
 )
 from comove.model.files.upgrade import DIGITS
+from comove.model.scene import Scene
 from comove.robots.formats import SRDF, elements_in, srdf_of
 from comove.robots.model import Arm, Robot
 from comove.robots.present import present_joints
@@ -144,14 +146,18 @@ def scene_from(file: Path, robot: Robot, folder: Path, named: str, options: Impo
     scene = planning_scene_in(file)
     q, present = _joints(scene, robot, options)
     payload, is_held = _payload_of(scene, options, file)
-    base = _placed(robot, scene.frame, q) if scene.frame in _links(robot) else np.eye(4)
     if is_held and not present:
         raise SceneError(
-            "an object is attached, and no joints are given", file=file, way_out="record it anew"
+            "an object is attached to the robot, whose joints are not given",
+            file=file,
+            way_out="record it anew, or name a group state: --srdf FILE --state NAME",
         )
-    start = base @ scene.pose_of(payload.object)
-    if is_held and payload.object.frame in _links(robot) and payload.object.frame != scene.frame:
-        start = _placed(robot, payload.object.frame, q) @ payload.object.pose
+    links, frame = _links(robot), payload.object.frame
+    base = _placed(robot, scene.frame, q) if scene.frame in links else np.eye(4)
+    if is_held and frame in links:
+        start = _placed(robot, frame, q) @ payload.object.pose
+    else:
+        start = base @ scene.pose_of(payload.object)
     own, shape, meshes = _payload_shape(payload.object, named)
     start = start @ own
     goal = options.goal.of(start)
@@ -168,15 +174,34 @@ def scene_from(file: Path, robot: Robot, folder: Path, named: str, options: Impo
     mass = {"mass": payload.mass} if payload.mass > 0.0 else {}
     data["payload"] = shape | mass | {"start": _written(start), "goal": _written(goal)}
     data["grasps"] = grasps
-    told = [
-        f"the planning frame '{shortened(scene.frame)}' is "
-        + ("where the robot has it" if scene.frame in _links(robot) else "taken for the scene's own")
-    ]
+    where = "where the robot has it" if scene.frame in links else "taken for the scene's own"
+    told = [f"the planning frame '{shortened(scene.frame)}' is {where}"]
     return ImportedScene(data, meshes, present, is_held, (*told[: bool(scene.frame)], *notes))
 
 
+def with_supports_at_rest(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return a scene with those supports on which its payload rests.
+
+    The names of the others are returned as well, which the scene may not have.
+    """
+    entry = next((one for one in data.get("obstacles", ()) if one.get("supports")), None)
+    if entry is None:
+        return data, []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ComoveWarning)  # they come once, with the last scene
+        scene = Scene.from_dict(data, folder=folder, check_ends=False)
+    found = obstacles_in(folder / entry["file"])
+    names = [one["name"] for one in found if one["name"] not in entry.get("leave_out", ())]
+    at_rest = {names[rest.obstacle] for rest in scene.rests}
+    idle = [name for name in entry["supports"] if name not in at_rest]
+    kept = {key: value for key, value in entry.items() if key != "supports"}
+    if at_rest:
+        kept["supports"] = sorted(at_rest)
+    return data | {"obstacles": [kept]}, idle
+
+
 def _joints(scene: PlanningScene, robot: Robot, options: ImportOptions) -> tuple[Array, dict[str, float]]:
-    """Return the joints in the robot's order, home unless given, and by name if given."""
+    """Return the joints in the robot's order, and by name if given. They are home unless given."""
     given = dict(scene.joints)
     if options.state is not None and options.srdf is not None:
         srdf = srdf_of(elements_in(options.srdf, SRDF), _links(robot))
@@ -196,7 +221,7 @@ def _joints(scene: PlanningScene, robot: Robot, options: ImportOptions) -> tuple
 
 
 def _payload_of(scene: PlanningScene, options: ImportOptions, file: Path) -> tuple[AttachedObject, bool]:
-    """Return the object that is the payload, and whether it is attached."""
+    """Return the payload's object, and whether it is attached."""
     attached = {one.object.name: one for one in scene.attached}
     world = {one.name: one for one in scene.objects}
     for name in options.leave_out:
@@ -230,7 +255,7 @@ def _payload_of(scene: PlanningScene, options: ImportOptions, file: Path) -> tup
 
 
 def _holders(robot: Robot, payload: AttachedObject) -> tuple[Arm, ...]:
-    """Return the arms that hold the payload: those whose hands are attached to it, or may touch it."""
+    """Return the arms that hold the payload. Their hands are attached to it, or may touch it."""
     touching = {payload.link, *payload.touch_links}
     found = tuple(arm for arm in robot.arms if touching & _hand_links(robot, arm))
     if not any(payload.link in _hand_links(robot, arm) for arm in found):
@@ -263,7 +288,7 @@ def _placed(robot: Robot, link: str, q: Array) -> Array:
 
 
 def _payload_shape(one: CollisionObject, stem: str) -> tuple[Array, dict[str, Any], dict[str, bytes]]:
-    """Return the payload's frame in the object's, its shape, and mesh files by name."""
+    """Return the payload's frame in the object's, its shape, and meshes."""
     meshes = dict[str, bytes]()
     if len(one.shapes) == 1 and one.shapes[0].kind in ("box", "cylinder", "mesh"):
         (shape,) = one.shapes
@@ -273,7 +298,7 @@ def _payload_shape(one: CollisionObject, stem: str) -> tuple[Array, dict[str, An
 
 
 def _part(name: str, shape: Shape, stem: str, meshes: dict[str, bytes]) -> dict[str, Any]:
-    """Return a shape as a part of a payload; its mesh is added to `meshes`."""
+    """Return a shape as a payload's part. Its mesh is added to `meshes`."""
     if shape.kind == "plane":
         raise SceneError(
             f"'{shortened(name)}' is a plane, and no payload has that shape",
@@ -299,7 +324,10 @@ def _part(name: str, shape: Shape, stem: str, meshes: dict[str, bytes]) -> dict[
 def _matrix(
     scene: PlanningScene, robot: Robot, payload: AttachedObject, holders: Sequence[Arm]
 ) -> tuple[list[str], list[str]]:
-    """Return the supports that the allowed collision matrix makes, and in words what a scene cannot say."""
+    """Return the supports that the allowed collision matrix makes.
+
+    What it says besides, and a scene cannot, is returned in words.
+    """
     links, world = _links(robot), {one.name for one in scene.objects}
     name = payload.object.name
     hands = {link for arm in holders or robot.arms for link in _hand_links(robot, arm)}
@@ -358,7 +386,7 @@ def _move_together(robot: Robot, a: str, b: str) -> bool:
 def _obstacles(
     file: Path, folder: Path, base: Array, left_out: set[str], supports: Sequence[str]
 ) -> dict[str, Any] | None:
-    """Return the entry of a scene that names the planning scene's obstacles, or None without any."""
+    """Return the entry of a scene for the obstacles, or None."""
     found = obstacles_in(file)
     names = {entry["name"] for entry in found}
     for entry in found:
@@ -391,7 +419,7 @@ def _workspace(
 
 
 def _radius(part: Mapping[str, Any], meshes: Mapping[str, bytes]) -> float:
-    """Return the radius of a sphere about a part's frame that contains it [m]."""
+    """Return the distance of a part's farthest point from its frame [m]."""
     if part["shape"] == "mesh":
         lines = meshes[part["file"]].decode().splitlines()
         vertices = np.array(
