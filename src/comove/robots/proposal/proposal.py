@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from comove.arrays import Array
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.io.keys import MAX_NAME
 from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
@@ -210,7 +211,9 @@ def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
     for part in parts:
         prefix, joints = part.prefix, {joint.name: joint for joint in part.tree.joints}
         for chain in part.chains:
-            name = part.names.get(chain.joints) or _arm_name(chain, prefix, data["arms"])
+            name = part.names.get(chain.joints, "")
+            if not name or name in data["arms"]:
+                name = _arm_name(chain, prefix, data["arms"])
             data["arms"][name] = {"tip": prefix + chain.tip}
             if chain.fingers:
                 fingers = [prefix + finger for finger in chain.fingers]
@@ -338,7 +341,7 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float, srdf: str | None 
             "angles such as 1.5708 are taken for right angles: five joints cannot make up for the rest"
         )
     names = {
-        arm.joints: prefix + name
+        arm.joints: re.sub(r"[^\w-]+", "_", prefix + name)[:MAX_NAME]
         for name, joints in reversed(groups.items())
         for arm in arms
         if joints == set(arm.joints)
