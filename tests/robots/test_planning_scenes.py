@@ -348,3 +348,51 @@ def test_the_imported_start_is_one_that_the_robot_holds(cell, pandas, tmp_path):
     scene = Scene.from_dict(yaml.safe_load(told), folder=tmp_path)
     carrier = RobotCarrier(pandas, scene.alternatives[0].timed(4.0))
     carrier.require_reach()
+
+
+RESTING = """\
+(noname)+
+* my table
+0.5 0 0.1
+0 0 0 1
+2
+box
+0.6 1.2 0.04
+0 0 0
+0 0 0 1
+0 0 0 0
+box
+0.04 0.04 0.2
+0 0 -0.15
+0 0 0 1
+0 0 0 0
+0
+* rail
+0.42 0 0.145
+0 0 0 1
+1
+box
+0.05 0.5 0.05
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+.
+"""
+
+
+def test_a_text_says_nothing_of_supports_so_they_are_named(tmp_path):
+    """Of an object of two boxes the one on which the payload rests; the advice of the refusal works."""
+    file = tmp_path / "cell.scene"
+    file.write_text(RESTING)
+    code, told = imported(file, *SHIFT, "--payload", "rail")
+    assert code == 2 and "write supports: [my_table] in obstacles[0]" in told
+    code, told = imported(file, *SHIFT, "--payload", "rail", "--support", "my table")
+    data = yaml.safe_load(told)
+    assert code == 0 and data["obstacles"][0]["supports"] == ["my_table"]
+    scene = Scene.from_dict(data, folder=tmp_path)
+    assert [one.support for one in scene.file.obstacles] == [True, None]
+    data["obstacles"][0]["supports"] = ["my table"]
+    assert [one.support for one in Scene.from_dict(data, folder=tmp_path).file.obstacles] == [True, True]
+    code, told = imported(file, *SHIFT, "--payload", "rail", "--support", "table")
+    assert code == 2 and "it holds no 'table'; did you mean 'my table'" in told

@@ -100,6 +100,10 @@ def import_(
     leave_out: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Object that is left out; may be repeated.")
     ] = None,
+    support: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Object on which the payload rests; may be repeated."),
+    ] = None,
     srdf: Annotated[Path | None, typer.Option(help="SRDF that has the group state of --state.")] = None,
     state: Annotated[
         str | None,
@@ -123,7 +127,7 @@ def import_(
     if out is not None:
         require_target(out, SceneError)
     loaded, goal = Robot.load(robot), Goal(shift, goal_position, goal_rpy_deg)
-    options = ImportOptions(goal, payload, tuple(leave_out or ()), srdf, state)
+    options = ImportOptions(goal, payload, tuple(leave_out or ()), tuple(support or ()), srdf, state)
     stem = file.stem if out is None else out.stem
     found = scene_from(file, loaded, folder, stem, options)
     named = robot if robot in bundled_robots() else os.path.relpath(find_description(robot), folder)

@@ -112,12 +112,14 @@ class ImportOptions:
     goal : where the payload goes
     payload : name of the object that is the payload; the attached one unless given
     leave_out : names of objects that are left out
+    supports : names of objects on which the payload rests
     srdf, state : file and name of a group state, whose joints replace those of the planning scene
     """
 
     goal: Goal = field(default_factory=Goal)
     payload: str | None = None
     leave_out: tuple[str, ...] = ()
+    supports: tuple[str, ...] = ()
     srdf: Path | None = None
     state: str | None = None
 
@@ -167,7 +169,7 @@ def scene_from(file: Path, robot: Robot, folder: Path, named: str, options: Impo
         grasps = {arm.name: _written(np.linalg.inv(start) @ robot.tool_pose(q, arm)) for arm in holders}
     out = {*options.leave_out} | (set() if is_held else {payload.object.name})
     supports, notes = _matrix(scene, robot, payload, holders)
-    entry = _obstacles(file, folder, base, out, supports)
+    entry = _obstacles(file, folder, base, out, [*options.supports, *supports])
     data: dict[str, Any] = {"version": 2, "name": named}
     data["workspace"] = _workspace((start, goal), shape, grasps, meshes)
     data |= {"obstacles": [entry]} if entry else {}
@@ -192,11 +194,12 @@ def with_supports_at_rest(data: dict[str, Any], folder: Path) -> tuple[dict[str,
         scene = Scene.from_dict(data, folder=folder, check_ends=False)
     found = obstacles_in(folder / entry["file"])
     names = [one["name"] for one in found if one["name"] not in entry.get("leave_out", ())]
-    at_rest = {names[rest.obstacle] for rest in scene.rests}
-    idle = [name for name in entry["supports"] if name not in at_rest]
+    resting = sorted({rest.obstacle for rest in scene.rests})
+    idle = [name for name in entry["supports"] if name not in {names[i] for i in resting}]
+    at_rest = [names[i] if names.count(names[i]) == 1 else scene.file.obstacles[i].name for i in resting]
     kept = {key: value for key, value in entry.items() if key != "supports"}
     if at_rest:
-        kept["supports"] = sorted(at_rest)
+        kept["supports"] = at_rest
     return data | {"obstacles": [kept]}, idle
 
 
@@ -224,12 +227,13 @@ def _payload_of(scene: PlanningScene, options: ImportOptions, file: Path) -> tup
     """Return the payload's object, and whether it is attached."""
     attached = {one.object.name: one for one in scene.attached}
     world = {one.name: one for one in scene.objects}
-    for name in options.leave_out:
-        if name not in attached and name not in world:
+    given = [("--leave-out", one) for one in options.leave_out] + [
+        ("--support", one) for one in options.supports
+    ]
+    for key, name in given:
+        if name not in world and (name not in attached or key == "--support"):
             way_out = near_name(name, [*attached, *world])
-            raise SceneError(
-                f"it holds no '{shortened(name)}'", file=file, key="--leave-out", way_out=way_out
-            )
+            raise SceneError(f"it holds no '{shortened(name)}'", file=file, key=key, way_out=way_out)
     left = [key for key in attached if key not in options.leave_out]
     if options.payload is None and not left:
         raise SceneError(
@@ -400,7 +404,7 @@ def _obstacles(
         pose = _written(base)
         entry |= {"center": pose["position"]} | {key: pose[key] for key in pose if key != "position"}
     entry |= {"leave_out": sorted(names & left_out)} if names & left_out else {}
-    kept = [name for name in supports if name in names - left_out]
+    kept = [name for name in dict.fromkeys(supports) if name in names - left_out]
     return entry | ({"supports": kept} if kept else {})
 
 

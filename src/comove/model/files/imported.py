@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -43,7 +44,7 @@ class ImportedObstacles(Part):
     leave_out: Names = ()
     """Names in the file of what becomes no obstacle."""
     supports: Names = ()
-    """Names in the file of that on which the payload may rest."""
+    """Names in the file, or in the scene, of that on which the payload may rest."""
 
     def obstacles(self, folder: Path, file: object, key: str) -> list[dict[str, Any]]:
         """Return the obstacles as entries of a scene.
@@ -62,32 +63,39 @@ class ImportedObstacles(Part):
             where = "" if error.key is None else f"{error.key}: "
             message = f"'{self.file}': {where}{error.message}"
             raise SceneError(message, file=file, key=key, way_out=error.way_out) from None
-        turn, names = matrices(np.array(self.quaternion_wxyz)), dict[str, int]()
+        turn = matrices(np.array(self.quaternion_wxyz))
         for entry in found:
             own = matrices(np.array(entry.get("quaternion_wxyz", UNTURNED)))
             entry["center"] = (np.array(self.center) + turn @ entry["center"]).tolist()
             if entry["shape"] != "sphere":
                 entry["quaternion_wxyz"] = quaternion_of_rotation(turn @ own).tolist()
-            stem = re.sub(r"[^\w+-]+", "_", entry.get("name", "")).strip("_+-")[: MAX_NAME - 10] or self.shape
-            names[stem] = names.get(stem, 0) + 1
-            entry["name"] = stem if names[stem] == 1 else f"{stem}_{names[stem]}"
             if entry["shape"] == "mesh":
                 path = entry.get("file", folder / self.file)
                 entry["file"] = Path(os.path.relpath(path, folder)).as_posix()
         return found
 
-    def _chosen(self, found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Return the entries that become obstacles, with supports marked."""
-        names = [entry.get("name", "") for entry in found]
-        for key, given in (("leave_out", self.leave_out), ("supports", self.supports)):
-            for name in given:
-                if name not in names:
-                    way_out = near_name(name, dict.fromkeys(names))
-                    raise SceneError(f"it holds no '{shortened(name)}'", key=key, way_out=way_out)
-        kept = [entry for entry, name in zip(found, names, strict=True) if name not in self.leave_out]
-        for entry in kept:
+    def _chosen(self, given: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Return the entries that become obstacles. They have their names in the scene."""
+        own = dict.fromkeys(entry.get("name", "") for entry in given)
+        _require_known("leave_out", self.leave_out, own)
+        kept, names = list[dict[str, Any]](), dict[str, int]()
+        for entry in given:
+            there = entry.get("name", "")
+            if there in self.leave_out:
+                continue
             if "refused" in entry:
                 raise entry["refused"]
-            if entry.get("name") in self.supports:
-                entry["support"] = True
+            stem = re.sub(r"[^\w+-]+", "_", there).strip("_+-")[: MAX_NAME - 10] or self.shape
+            names[stem] = names.get(stem, 0) + 1
+            name = stem if names[stem] == 1 else f"{stem}_{names[stem]}"
+            support = {"support": True} if {there, name} & {*self.supports} else {}
+            kept.append(entry | {"name": name} | support)
+        _require_known("supports", self.supports, own | dict.fromkeys(entry["name"] for entry in kept))
         return kept
+
+
+def _require_known(key: str, given: Iterable[str], known: Mapping[str, None]) -> None:
+    """Refuse names that nothing in the file has."""
+    for name in given:
+        if name not in known:
+            raise SceneError(f"it holds no '{shortened(name)}'", key=key, way_out=near_name(name, known))
