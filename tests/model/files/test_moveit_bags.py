@@ -31,6 +31,23 @@ pytest.importorskip("rosbags")
 
 MONITORED = "/move_group/monitored_planning_scene"
 QUARTER = (0, 0, np.sqrt(0.5), np.sqrt(0.5))
+PUBLISHED = {
+    "object_recognition_msgs/msg/ObjectType": "5eb3ee3976403366d7c50d7dbee8bec96b3bced1e752674a7194a35841632134",
+    "octomap_msgs/msg/Octomap": "9891a19a05b70ec20aa8f45db3f8300b9ab80afff32c61c549d25087da9625b0",
+    "octomap_msgs/msg/OctomapWithPose": "e65f8760aa96a2acef86b6d206175cfc78420082b6159dd3fa6ebf93f5f81979",
+    "moveit_msgs/msg/CollisionObject": "74b0acd6d56be032bf4f764b2c2633f50588b5fb2bd71e97206c59052747cf7e",
+    "moveit_msgs/msg/AttachedCollisionObject": "7fdfe7951a33a857f20fc42c9ed410a38d06dd0c209ac774ecea746dc487dc41",
+    "moveit_msgs/msg/RobotState": "7c516dc15713e545cb2836c5ca745fbdcfcc10de4855a41c83e6b4bf1afc3f83",
+    "moveit_msgs/msg/AllowedCollisionEntry": "eeb7cc3f1bfdb8c778aa7454ae90037c2749dab3ca0abdfe3dad2ae8723977db",
+    "moveit_msgs/msg/AllowedCollisionMatrix": "ac0159eec0d99f73158c7349c9d1c01b3dc7f749d75a2ea22e74a2a1091a9b05",
+    "moveit_msgs/msg/LinkPadding": "864762d9e19f758b0385427f75691374cae830495727c96405f2bad0eb20c766",
+    "moveit_msgs/msg/LinkScale": "4666a0685f26365ccf4c9bfed0b14c654604fa0564be65c221d8d54fdc7a0f83",
+    "moveit_msgs/msg/ObjectColor": "4f937f7b22942a9c4a6409c20255aaad1b5d9a003ae3c0edb779698be443c127",
+    "moveit_msgs/msg/PlanningSceneWorld": "e08e6a4a81ca6b6a6953ac758dadc2c949555093efea6a9a22d9accf62c2c099",
+    "moveit_msgs/msg/PlanningScene": "0f58540ad5eab4b9ea827d53b763c793d8cabd202b3b301fcee25afa4ce1bd80",
+    "moveit_msgs/msg/RobotTrajectory": "af1dc87fb94d13e5f233e9c210d2662fa06143a8b3c6aec47c57ad45074fcce8",
+}
+"""Hashes of types (RIHS01) in code that ROS 2 generates, in which bags since Iron name their types."""
 TETRAHEDRON = (
     [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)],
     [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
@@ -119,6 +136,8 @@ def test_definitions_are_those_of_moveit_msgs(messages):
     assert set(DEFINITIONS) == set(MESSAGES)
     for name in MESSAGES:
         assert own.hash_rihs01(name) == messages.store.hash_rihs01(name)
+        if name in PUBLISHED:
+            assert own.hash_rihs01(name) == f"RIHS01_{PUBLISHED[name]}"
 
 
 def test_cylinders_are_height_and_radius_in_messages(messages, tmp_path):
@@ -451,3 +470,35 @@ def test_text_and_messages_place_the_same_shapes_alike(messages, tmp_path, objec
             if kind != "sphere":
                 turn = Rotation.from_quat(entry["quaternion_wxyz"], scalar_first=True)
                 assert (turn.inv() * outer * inner).magnitude() < 1e-7
+
+
+def test_a_recording_without_an_end_is_refused(messages, kitchen, tmp_path, monkeypatch):
+    monkeypatch.setattr("comove.model.files.moveit_bags.MAX_BYTES", 1_000_000)
+    path = bag_of(messages, tmp_path / "bag", *[kitchen] * 2000)
+    with pytest.raises(InputError, match="take more than 1 MB; record it for a shorter time"):
+        obstacles_in(path)
+
+
+def test_a_result_among_the_meshes_of_a_bag_may_be_moved(messages, kitchen, tmp_path):
+    """Its meshes are those of the bag that lies in it."""
+    import yaml
+
+    from tests.commands import invoke
+
+    data = {
+        "version": 2,
+        "name": "cell",
+        "duration": 4.0,
+        "workspace": {"lower": [-9] * 3, "upper": [9] * 3},
+        "obstacles": [{"shape": "moveit", "file": "cell"}],
+        "end_effectors": {"hand": {"start": [-1, 0, 0], "goal": [-1, 1, 0]}},
+    }
+    bag_of(messages, tmp_path / "cell", kitchen)
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(data))
+    assert invoke("solve", "scene.yaml", "--out", "found", folder=tmp_path).exit_code == 0
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "found").rename(tmp_path / "elsewhere" / "found")
+    for path in (tmp_path / "cell").iterdir():
+        path.unlink()
+    done = invoke("verify", "found", folder=tmp_path / "elsewhere")
+    assert done.exit_code == 0, done.output

@@ -36,6 +36,8 @@ READ = (SCENE, OBJECT, ATTACHED, WORLD)
 """Types that are read."""
 WHOLE = "monitored_planning_scene"
 """How the topic ends that holds everything."""
+MAX_BYTES = 500_000_000
+"""Largest size of all messages that are read [bytes]."""
 DEFINITIONS = {
     "object_recognition_msgs/msg/ObjectType": "string key\nstring db",
     "octomap_msgs/msg/Octomap": "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data",
@@ -102,7 +104,13 @@ def read(path: Path) -> PlanningScene:
         )
     with opened(path, DEFINITIONS) as bag:
         chosen = _chosen(path, bag)
-        found: list[tuple[str, bytes]] = [(one.msgtype, data) for one, _, data in bag.reader.messages(chosen)]
+        found, size = list[tuple[str, bytes]](), 0
+        for one, _, data in bag.reader.messages(chosen):
+            found.append((one.msgtype, data))
+            size += len(data)
+            if size > MAX_BYTES:
+                told = f"its planning scenes take more than {MAX_BYTES // 1_000_000} MB"
+                raise SceneError(told, file=path, way_out="record it for a shorter time")
         if not found:
             raise SceneError("its planning scene has no messages", file=path, way_out="record it anew")
         messages = list[tuple[str, Any]]()
