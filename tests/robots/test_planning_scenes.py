@@ -186,6 +186,21 @@ def test_an_object_in_the_world_is_carried_if_it_is_named(messages, tmp_path):
     assert [obstacle.name for obstacle in scene.file.obstacles] == ["table"]
 
 
+def test_the_payload_has_the_frame_of_its_only_shape(messages, tmp_path):
+    """Wherever that is in the object."""
+    half = Rotation.from_euler("z", 90, degrees=True).as_quat()
+    shape = ("box", [0.5, 0.05, 0.05], ([0.1, 0, 0.2], half))
+    path = bag_of(
+        messages, tmp_path / "bag", [messages.object("box", [shape], ([0.35, 0, 0.1], [0, 0, 0, 1]))]
+    )
+    code, told = imported(path, *SHIFT, "--payload", "box")
+    payload = yaml.safe_load(told)["payload"]
+    assert code == 0 and payload["shape"] == "box"
+    assert payload["start"]["position"] == pytest.approx([0.45, 0, 0.3])
+    turn = Rotation.from_quat(payload["start"]["quaternion_wxyz"], scalar_first=True)
+    assert turn.as_euler("xyz", degrees=True) == pytest.approx([0, 0, 90])
+
+
 def test_a_payload_that_rests_on_what_it_may_touch(messages, tmp_path):
     """The matrix makes a support of the table, under whatever name it has."""
     box = ("box", [("box", [0.05, 0.5, 0.05])], ([0.45, 0, 0.025], [0, 0, 0, 1]))

@@ -803,7 +803,7 @@ def test_limits_in_degrees_are_proposed_in_radians(tmp_path):
 
 SRDF = """\
 <robot name="made">
-  <group name="left_manipulator"><chain base_link="base" tip_link="l_link5"/></group>
+  <group name="left_manipulator"><joint name="world"/><chain base_link="base" tip_link="l_link5"/></group>
   <group name="grippers"><joint name="l_slide_a"/><joint name="l_slide_b"/></group>
   <group name="everything"><group name="left_manipulator"/><group name="grippers"/><group name="everything"/></group>
   <group name="by links">LINKS</group>

@@ -401,11 +401,22 @@ def test_a_truncated_bag_is_refused(messages, kitchen, tmp_path, storage):
 
 
 def test_messages_of_another_version_are_refused(tmp_path):
-    """A field more, and every later byte would be another's."""
-    other = Messages(**{OBJECT: "float64 more\n" + MESSAGES[OBJECT]})
+    """Of a field more, which would be read as the end of the message, too."""
+    other = Messages(**{SCENE: MESSAGES[SCENE] + "float64 more\n"})
     path = bag_of(other, tmp_path / "bag", other.scene([other.object("x", [("box", [1, 2, 3])])]))
-    with pytest.raises(InputError, match=r"PlanningScene is none of those that are read|no whole bag"):
+    with pytest.raises(InputError, match="its moveit_msgs/msg/PlanningScene is none of those that are read"):
         obstacles_in(path)
+
+
+def test_a_state_that_is_no_diff_has_all_attached_objects(messages, tmp_path):
+    """As in MoveIt, if it has joints at all."""
+    box = [("box", [0.1, 0.2, 0.3])]
+    held = messages.scene(attached=[messages.attached("hand", messages.object("a", box, frame="hand"))])
+    for joints, is_diff, wanted in (({"j": 1.0}, False, 0), ({"j": 1.0}, True, 1), ({}, False, 1)):
+        later = messages.scene(joints=joints, is_diff=True)
+        later.robot_state.is_diff = is_diff
+        scene = planning_scene_in(bag_of(messages, tmp_path / f"{len(joints)}{is_diff}", held, later))
+        assert len(scene.attached) == wanted
 
 
 def test_diffs_alone_are_warned_of(messages, tmp_path):

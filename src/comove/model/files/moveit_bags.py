@@ -167,9 +167,7 @@ class _Monitor:
     attached: dict[str, AttachedObject] = field(default_factory=dict)
 
     def of_scene(self, message: Any) -> None:
-        """Apply a planning scene. A whole one replaces what was there."""
-        if not message.is_diff:
-            self.scene, self.objects, self.attached = PlanningScene(), {}, {}
+        """Apply a planning scene. A whole one is the first."""
         fixed = {frame_name(one.child_frame_id): one for one in message.fixed_frame_transforms}
         if fixed:
             frame = frame_name(next(iter(fixed.values())).header.frame_id)
@@ -186,7 +184,7 @@ class _Monitor:
         state = message.robot_state.joint_state
         joints = dict(zip(state.name, map(float, state.position), strict=False))
         self.scene = replace(self.scene, joints={**self.scene.joints, **joints})
-        if not message.robot_state.is_diff and message.robot_state.attached_collision_objects:
+        if joints and not message.robot_state.is_diff:
             self.attached = {}
         for one in message.robot_state.attached_collision_objects:
             self.of_attached(one)
