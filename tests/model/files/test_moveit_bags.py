@@ -1,6 +1,7 @@
 """Planning scenes in bags of ROS 2 are what MoveIt's planning scene monitor has after the same messages."""
 
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -513,3 +514,44 @@ def test_a_result_among_the_meshes_of_a_bag_may_be_moved(messages, kitchen, tmp_
         path.unlink()
     done = invoke("verify", "found", folder=tmp_path / "elsewhere")
     assert done.exit_code == 0, done.output
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    where=st.floats(0, 1, exclude_max=True),
+    put=st.binary(min_size=1, max_size=8),
+    name=st.sampled_from(["a.mcap", "bag"]),
+)
+def test_damaged_bytes_are_read_or_refused_in_words(messages, kitchen, tmp_path, where, put, name):
+    path, whole = tmp_path / name, tmp_path / f"{name}.whole"
+    if not path.exists():
+        bag_of(messages, path, kitchen, storage="MCAP" if name == "a.mcap" else "SQLITE3")
+    file = next(path.glob("*.db3"), path)
+    if not whole.exists():
+        whole.write_bytes(file.read_bytes())
+    data = bytearray(whole.read_bytes())
+    at = int(where * len(data))
+    data[at : at + len(put)] = put
+    file.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ComoveWarning)
+        try:
+            found = obstacles_in(path)
+        except InputError:
+            return
+    assert all("name" in entry for entry in found)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    where=st.integers(0, len(MOVEIT) - 1), put=st.text(st.sampled_from("0 1-.*e\nab"), min_size=0, max_size=4)
+)
+def test_damaged_texts_are_read_or_refused_in_words(tmp_path, where, put):
+    path = tmp_path / "cell.scene"
+    path.write_text(MOVEIT[:where] + put + MOVEIT[where + 1 :])
+    try:
+        found = obstacles_in(path)
+    except InputError as error:
+        assert error.key is None or error.key.startswith("line ")
+        return
+    assert all("name" in entry for entry in found)
