@@ -71,7 +71,7 @@ def cell(messages, pandas, joints, bar, tmp_path):
     held = messages.object("bar", [("box", [0.04, 0.9, 0.04])], as_pose(there), frame=LINK)
     attached = messages.attached(LINK, held, ["left_panda_leftfinger", OTHER], 0.7)
     pairs = [("bar", "table"), (LINK, "bar"), (OTHER, "bar"), ("left_panda_link0", "table")]
-    pairs += [("post", "left_panda_link5"), ("post", "table")]
+    pairs += [("post", "left_panda_link5"), ("post", "table"), ("bar", "right_panda_link0")]
     scene = messages.scene(
         [messages.object(*TABLE), messages.object(*POST)],
         joints=joints,
@@ -114,6 +114,7 @@ def test_what_has_no_place_in_a_scene_is_told(cell, tmp_path):
     _, told = imported(cell, *SHIFT, "--out", tmp_path / "scene.yaml")
     told = " ".join(told.split())
     assert "lets touch what comove keeps apart" in told and "'left_panda_link5' and 'post'" in told
+    assert "'bar' and 'right_panda_link0'" in told, "the payload keeps clear of all links but its hands'"
     assert "'left_panda_link0' and 'table'" not in told, "links that do not move may touch obstacles"
     assert "'post' and 'table'" not in told, "obstacles are not compared with each other"
     assert "lets everything touch 'floor'" in told
@@ -273,6 +274,8 @@ def test_a_file_elsewhere_is_refused(cell, tmp_path):
     (tmp_path / "other").mkdir()
     code, told = imported(cell, *SHIFT, "--out", tmp_path / "other" / "scene.yaml")
     assert code == 2 and "not in the scene's folder" in told
+    advised = re.search(r"--out (\S+)", told)[1]
+    assert imported(cell, *SHIFT, "--out", advised)[0] == 0, "the advice works"
 
 
 def test_further_attached_objects_and_octomaps_are_left_out_by_name(messages, pandas, joints, tmp_path):

@@ -161,7 +161,10 @@ def import_(
     say(f"{out}: a scene for {loaded.name}", *(f"  - {note}" for note in notes))
     command = f"comove solve {out}" + (f" --present {present}" if found.present else "") + " --out carried"
     rows = [("grasps", "proposed" if data["grasps"] == "auto" else f"of {' and '.join(data['grasps'])}")]
-    rows += [("joints", f"of the planning scene, {present}")] if found.present else []
+    if found.present:
+        rows.append(
+            ("joints", f"{present}, {'which hold the payload' if found.is_held else 'before an approach'}")
+        )
     print(*in_rows([*rows, ("next", command)]), sep="\n")
     return VERIFIED
 

@@ -143,7 +143,7 @@ def scene_from(file: Path, robot: Robot, folder: Path, named: str, options: Impo
         raise SceneError(
             f"it is not in the scene's folder, {folder}",
             file=file,
-            way_out=f"write it there: --out {file.parent}/...",
+            way_out=f"write it there: --out {file.parent / named}.yaml",
         )
     scene = planning_scene_in(file)
     q, present = _joints(scene, robot, options)
@@ -346,7 +346,7 @@ def _matrix(
             supports.add(other)
         elif (name in pair and pair & hands) or (pair <= links and pair not in kept) or not pair & links:
             continue  # which scenes say too, or compare with nothing
-        elif not pair & {frame for frame in links if _is_fixed(robot, frame)}:
+        elif not (pair & world and any(_is_fixed(robot, link) for link in pair & links)):
             stricter.add((a, b))
     notes = []
     if stricter:
