@@ -100,7 +100,7 @@ def drag_on_page(session, grips, home, rng):
     grip = grips[rng.integers(len(grips))]
     reach = REACH * float((session.scene.upper - session.scene.lower).max())
     there = home[grip] + rng.uniform(-reach, reach, 3)
-    before = session.answered
+    before = session.link.answered
     for step in range(1, STEPS + 1):
         to = home[grip] + step / STEPS * (there - home[grip])
         session.loop.call_soon_threadsafe(
@@ -108,7 +108,7 @@ def drag_on_page(session, grips, home, rng):
         )
         time.sleep(0.01)
     until = time.monotonic() + ENOUGH
-    while session.answered <= before and time.monotonic() < until:
+    while session.link.answered <= before and time.monotonic() < until:
         time.sleep(0.005)
 
 
