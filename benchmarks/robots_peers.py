@@ -97,13 +97,9 @@ def alone(terms: Terms, seed: int) -> list[tuple[float, bool]]:
     (start, goal), arm, known = terms.ends[0], terms.arms[0], terms.bodies
     goal = np.where(np.isin(np.arange(len(start)), arm.columns), goal, start)
     keep = known.kind != LOAD
-    geometry = known.geometry.copy()
-    for pair, kept in zip(known.geometry.collisionPairs, keep, strict=True):
-        if not kept:
-            geometry.removeCollisionPair(pair)
     number = np.cumsum(keep) - 1
     free = replace(
-        known, geometry=geometry, kind=known.kind[keep], taken=known.taken[keep], reach=known.reach[keep],
+        known, ends=known.ends[keep], kind=known.kind[keep], taken=known.taken[keep], reach=known.reach[keep],
         exact=number[known.exact[keep]], rods=(), required=np.zeros(3),
     )  # fmt: skip
     begun = time.process_time()
