@@ -58,6 +58,8 @@ from comove.robots.verification.slabs import (
     note,
 )
 
+LARGER = 1e-9  # m, by which a distance is larger than another, whatever rounding does
+
 
 @dataclass(frozen=True)
 class JointCertificateSettings:
@@ -329,14 +331,19 @@ class Level:
             row, exact = self.row[own], bodies.exact[pair[own]]
             left = measure_cells(bodies.solids, bodies.pairs, self.at, row, exact, self.need)
             for k in np.flatnonzero(left).tolist():
-                self.measure(row[k], exact[k])
+                self.measure(row[k], exact[k], 0.0)
 
-    def measure(self, row: int, pair: int) -> float:
-        """Compute a pair's distance at an interval's middle by coal [m]. Possible errors are subtracted."""
-        knot, bodies = int(self.at.knot[row, 1]), self.bodies
+    def measure(self, row: int, pair: int, moved: float) -> float:
+        """Compute a pair's distance at an interval's middle by coal [m]. Possible errors are subtracted.
+
+        One that exceeds the least of its kind by more than `moved` [m], its change within half the interval, may be
+        too small, but by that much larger: the bound that follows from it is not the least of its kind either way.
+        """
+        knot, bodies, kind = int(self.at.knot[row, 1]), self.bodies, self.bodies.kind[pair]
         placed = _placed(bodies, pair, self.at.turns[knot], self.at.places[knot])
-        distance = distance_of(*placed) - float(bodies.taken[pair])
-        note(self.need, bodies.kind[pair], pair, knot, distance)
+        taken = float(bodies.taken[pair])
+        distance = distance_of(*placed, float(self.need.upper[kind]) + moved + taken + LARGER) - taken
+        note(self.need, kind, pair, knot, distance)
         return distance
 
     def bounds(self) -> tuple[Array, int]:
@@ -357,7 +364,7 @@ class Level:
         change = changes(bodies.pairs, self.at, row, exact)
         for cell, *where, moved in zip(left, row.tolist(), exact.tolist(), change, strict=True):
             if bound[cell] < enough(need, bodies.kind[pair[cell]]):
-                bound[cell] = max(bound[cell], self.measure(*where) - moved)
+                bound[cell] = max(bound[cell], self.measure(*where, moved) - moved)
         return bound, int((state != OPEN).sum())
 
 
