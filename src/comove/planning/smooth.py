@@ -256,7 +256,10 @@ def _carried(
 
 
 def _is_outdone(search: Search, programme: ConvexProgramme, z: Array) -> bool:
-    """Return whether a motion is no better than the best one, as less smooth ones would not be either."""
+    """Return whether a motion is no better than the best one.
+
+    Where only jerk counts, less smooth ones are not either.
+    """
     own = search.own is not None and search.own.function is not None
     if own or not search.aim.is_smooth or follows(search):
         return False
