@@ -140,7 +140,8 @@ class Found:
     attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verification
         result, and its violation
     needed : shortest duration known to suffice if the given one is too short [s]; else inf
-    drawn : jerk of the smoothest motions along planned paths that were adapted to the demonstration, as in `JerkCost`
+    smoothest : jerk of the smoothest motions along planned paths that were adapted to arms, as in `JerkCost`
+    drawn : jerk of those of arms that were adapted to the demonstration
     """
 
     best: Verdict | None = None
@@ -154,6 +155,7 @@ class Found:
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
     needed: float = np.inf
+    smoothest: list[float] = field(default_factory=list)
     drawn: list[float] = field(default_factory=list)
     handed: list[tuple[CoordinatedMotion, CoordinatedMotion]] = field(
         default_factory=list, init=False, repr=False

@@ -213,11 +213,19 @@ def _carried(
         )
         found = search.judge(programme.curves.motion(nearest)).verified is not None
     free = _optimised(search, programme, smooth, z, settings, reference)
+    least, _ = programme.value(smooth, free, 0.0)
+    known = search.found.smoothest if taught.demonstration is not None else ()
+    if any(abs(least - other) < smoothing.alike * other for other in known) or _is_outdone(
+        search, programme, free
+    ):
+        return True
     programme.follower = search.kinematics.along(nodes)
     if programme.is_followed(free) and search.judge(programme.curves.motion(free)).verified is not None:
         at = free
     for pull in smoothing.pulls if at is None else ():
         z = _optimised(search, programme, Anchored(smooth, anchor, pull), z, settings, along)
+        if _is_outdone(search, programme, z):  # the next ones are drawn away further
+            return True
         verdict, along = search.judge(programme.curves.motion(z)), None
         if verdict.verified is not None:
             at = z
@@ -228,8 +236,11 @@ def _carried(
             settings = _stricter(settings, 0, smoothing)
         elif programme.follower is not None:
             programme.follower = programme.follower.stricter()
-    if at is None or taught.demonstration is None:
-        return found or at is not None
+    if at is None:
+        return found
+    search.found.smoothest.append(least)
+    if taught.demonstration is None:
+        return True
     jerk, _ = programme.value(smooth, at, 0.0)
     if any(abs(jerk - other) < smoothing.alike * other for other in search.found.drawn):
         return True
@@ -242,6 +253,17 @@ def _carried(
         parts = (at + part * (ahead - at) for part in smoothing.parts)
         at = next((z for z in parts if search.judge(programme.curves.motion(z)).verified is not None), at)
     return True
+
+
+def _is_outdone(search: Search, programme: ConvexProgramme, z: Array) -> bool:
+    """Return whether a motion is no better than the best one.
+
+    Where only jerk counts, less smooth ones are not either.
+    """
+    own = search.own is not None and search.own.function is not None
+    if own or not search.aim.is_smooth or follows(search):
+        return False
+    return search.worth(programme.curves.motion(z)) >= search.found.best_cost
 
 
 def _optimised(

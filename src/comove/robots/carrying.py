@@ -57,7 +57,13 @@ from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import N_COARSE, Miss, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
-from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
+from comove.robots.verification.verify import (
+    JointReport,
+    JointVerdict,
+    VerifiedJointMotion,
+    tightened,
+    verify_joints,
+)
 from comove.verification.verify import Check, CheckOfVerified, VerifiedMotion
 
 
@@ -514,14 +520,14 @@ class RobotCarrier(LimitedKinematics):
         for tight, result in known:
             if tight <= slack:
                 return result
-        if known:
-            joints, verdict = known[0][1]
-            given = given if verdict.verified is None else verdict.verified.motion
+        before = known[0][1] if known else None
+        if before is not None and before[1].verified is not None:  # only its clearances depend on the slack
+            result = before[0], tightened(before[1].verified)
         else:
             joints, miss = self.track(motion, haste=self.settings.haste if slack > 0.0 else 1)
             if miss is not None:
                 return joints, JointVerdict(None, JointReport(), (str(miss),))
-        result = joints, verify_joints(self.robot, given, joints, slack=slack)
+            result = joints, verify_joints(self.robot, given, joints, slack=slack)
         self._recall(*result)
         if result[1].verified is not None:
             self.kept.append((motion, slack, result))

@@ -15,7 +15,7 @@ from comove.robots import JointMotion, verify_joints
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.checks import unfit_scene
-from comove.robots.verification.verify import JointReport, VerifiedJointMotion
+from comove.robots.verification.verify import JointReport, VerifiedJointMotion, tightened
 from comove.verification.verify import verify
 from tests.robots.known_carry import (
     TABLE,
@@ -44,6 +44,16 @@ def moved(joints, change):
     return JointMotion(joints.time, joints.joint_names, joints.position + change)
 
 
+def test_what_was_verified_with_slack_is_tightened_to_what_is_verified_without():
+    motion, joints = known_carry()
+    loose, tight = (verify_joints(baxter(), motion, joints, slack=slack) for slack in (1.0, 0.0))
+    assert loose.report.clearance_scene < tight.report.clearance_scene - 1e-3
+    verdict = tightened(loose.verified)
+    assert repr(verdict.report) == repr(tight.report)
+    assert verdict.verified.report is verdict.report and verdict.verified.joints is loose.verified.joints
+    assert verdict.reasons == ()
+
+
 def test_the_known_path_passes_the_benchmark_with_the_measures_of_its_notes():
     verdict = verified_on()
     assert verdict.reasons == ()
@@ -69,7 +79,9 @@ def test_a_verified_motion_of_the_hands_is_not_verified_again():
 def test_only_the_verification_makes_verified_joint_motions():
     verified = verified_on().verified
     with pytest.raises(TypeError, match="verify_joints"):
-        VerifiedJointMotion(verified.robot, verified.motion, verified.joints, verified.report)
+        VerifiedJointMotion(
+            verified.robot, verified.motion, verified.joints, verified.report, verified.course
+        )
     with pytest.raises(AttributeError):
         verified.joints = None
     with pytest.raises(AttributeError):

@@ -16,9 +16,18 @@ from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import LOAD, bodies_of, distance_of, links_of, solid_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.certificate import CarryCourse, Level, PairCells
+from comove.robots.verification.certificate import CarryCourse, Level, PairCells, between
 from comove.robots.verification.kinematics import Bases
-from comove.robots.verification.slabs import CORE, FINE, ROUGH, BoundTargets, Solids, _bulge, _reach, apart
+from comove.robots.verification.slabs import (
+    CORE,
+    FINE,
+    ROUGH,
+    BoundTargets,
+    Solids,
+    _bulge,
+    _reach,
+    apart,
+)
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 from tests.robots.test_model import load, two_joints
@@ -129,9 +138,9 @@ def test_no_pair_comes_nearer_than_bound(seed):
     pairs = np.union1d(pairs, np.flatnonzero((world.kind == LOAD) | (world.reach[:, 15] > 0)))
     parts = int(2 ** rng.integers(0, 8))
     number = int(rng.integers(parts))
-    at, _ = CarryCourse(world, carried, motion.curve).intervals(np.array([number]), parts)
+    at, when = CarryCourse(world, carried, motion.curve).intervals(np.array([number]), parts)
     cells = [PairCells(np.array([number]), pairs[[k]], np.zeros((1, 3))) for k in range(len(pairs))]
-    bounds = [Level(world, at, cell, np.array([0]), no_need()).bounds()[0] for cell in cells]
+    bounds = [Level(world, at, cell, np.array([0]), no_need(), when).bounds()[0] for cell in cells]
     bound = np.concatenate(bounds)  # each by itself, as others may spare it
     least = np.full(len(pairs), np.inf)
     for time in np.linspace(number, number + 1, 15) * (motion.duration / parts):
@@ -176,6 +185,23 @@ def test_no_points_stray_from_their_chords_further_than_bound(seed):
         assert np.abs(along - chord).max() <= _bulge(world.pairs, at, 0, int(pair)) + 1e-9
 
 
+@examples(200)
+@given(st.integers(0, 2**32 - 1))
+def test_no_points_come_nearer_than_their_distances_at_two_instants_bound(seed):
+    """Points that pass each other at even speed, or with an acceleration towards or away from each other."""
+    rng = np.random.default_rng(seed)
+    time, speed, off = np.linspace(-1.0, 1.0, 201), rng.choice([0.0, 1.0]), 10.0 ** rng.uniform(-1.0, 2.0)
+    bend = rng.uniform(-1.0, 1.0) * rng.choice([0.0, 1.0]) * off
+    distance = np.hypot(
+        speed * (time - rng.choice([0.0, rng.uniform(-2.0, 2.0)])), off + 0.5 * bend * time**2
+    )
+    change, bulge = np.hypot(speed, bend), 0.5 * abs(bend)  # within 1 s, and over 2 s
+    bound = between(distance[0], distance[-1], change, bulge)
+    assert bound <= distance.min() * (1.0 + 1e-12)
+    if bend == 0.0 and off >= 2.0:
+        assert bound >= distance.min() - 1.0 / off - 1e-12
+
+
 def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     """A hand over a table: the distance hardly changes, and the bound says so."""
     motion, joints = known_carry()
@@ -186,10 +212,10 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     )
     pair = [world.name(k) for k in range(len(world.kind))].index("l_gripper_l_finger and obstacles[0] (box)")
     numbers = np.arange(50)
-    at, _ = CarryCourse(world, carried, joints.curve).intervals(numbers, 50)
+    at, when = CarryCourse(world, carried, joints.curve).intervals(numbers, 50)
     cells = PairCells(numbers, np.full(50, pair), np.zeros((50, 3)))
     need = no_need()
-    bound, _ = Level(world, at, cells, numbers, need).bounds()
+    bound, _ = Level(world, at, cells, numbers, need, when).bounds()
     assert bound.min() > need.upper[world.kind[pair]] - 0.02  # m, in 0.2 s of a hand that moves at 0.15 m/s
     knots = np.searchsorted(joints.time, np.linspace(0.5, 9.5, 50))
     assert 0.1 * (np.abs(joints.velocity[knots]) @ world.reach[pair, :14]).max() > 0.02

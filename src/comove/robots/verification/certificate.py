@@ -27,11 +27,22 @@ glides over a table comes no nearer to it, however fast it is.
 Where both bounds are too small, the time interval is divided into four, for those pairs only. Coal computes the
 distances of bodies that are not convex, and of those that penetrate each other. Meshes are checked by their convex
 hulls first, and themselves only where hulls are too near, as that takes a thousand times as long.
+
+Of meshes no vector n serves all points. But the distance f = |u| of any two points has
+
+    f'' = (|u'|^2 - f'^2) / f + u u'' / f <= s^2 / m + max|p''|,
+
+with s = sum_j max|q_j'| r_j and m the least f, at least min d(t_i) - s h/2. So between two instants that are h apart
+no two points, and no two bodies, come nearer than
+
+    d >= min d(t_i) - h^2/8 (s^2 / m + max|p''|),
+
+unless an obstacle moves, whose second derivative has no bound.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -57,6 +68,8 @@ from comove.robots.verification.slabs import (
     measure_cells,
     note,
 )
+
+LARGER = 1e-9  # m, by which a distance is larger than another, whatever rounding does
 
 
 @dataclass(frozen=True)
@@ -241,11 +254,12 @@ def certify(
     )
     lower, when, computed = np.full(3, np.inf), np.zeros(3), 0
     weakest, around = np.full(3, -1), np.zeros(3)
+    known = dict[tuple[int, float], tuple[float, float]]()
     for depth in range(settings.deepest):
         numbers, row = _numbered(cells.number, parts)
         at, time = course.intervals(numbers, parts)
         uppers = need.upper.copy()
-        level = Level(bodies, at, cells, row, need)
+        level = Level(bodies, at, cells, row, need, time, known)
         if depth == 0 and slack < 1.0:  # what the clearance is about, before anything is compared with it
             level.begin(settings.few)
         bound, count = level.bounds()
@@ -295,7 +309,8 @@ def are_clear(bodies: Bodies, q: Array, nodes: Array, time: float) -> bool:
         0.0,
     )
     need = BoundTargets.none(bodies.required, 1.0, 0.0, 0.0)
-    bound, _ = Level(bodies, at, cells, np.zeros(len(cells.pair), dtype=np.int64), need).bounds()
+    row = np.zeros(len(cells.pair), dtype=np.int64)
+    bound, _ = Level(bodies, at, cells, row, need, np.array([time])).bounds()
     return bool((bound >= bodies.required[bodies.kind[cells.pair]]).all())
 
 
@@ -308,6 +323,8 @@ class Level:
     bodies, at, cells : bodies, intervals and cells
     row : array, shape (n_cells,), number of each cell's interval in `at`
     need : bounds that suffice
+    time : array, shape (n_instants,), the instants of `at` [s]
+    known : by pair and instant, its distance as coal computed it, and the least that it was not computed beyond [m]
     """
 
     bodies: Bodies
@@ -315,6 +332,8 @@ class Level:
     cells: PairCells
     row: Integers
     need: BoundTargets
+    time: Array
+    known: dict[tuple[int, float], tuple[float, float]] = field(default_factory=dict)
 
     def begin(self, few: int) -> None:
         """Compute the distances of each kind's nearest `few` cells. Balls determine which."""
@@ -329,14 +348,24 @@ class Level:
             row, exact = self.row[own], bodies.exact[pair[own]]
             left = measure_cells(bodies.solids, bodies.pairs, self.at, row, exact, self.need)
             for k in np.flatnonzero(left).tolist():
-                self.measure(row[k], exact[k])
+                self.measure(int(self.at.knot[row[k], 1]), int(exact[k]), 0.0)
 
-    def measure(self, row: int, pair: int) -> float:
-        """Compute a pair's distance at an interval's middle by coal [m]. Possible errors are subtracted."""
-        knot, bodies = int(self.at.knot[row, 1]), self.bodies
+    def measure(self, knot: int, pair: int, within: float) -> float:
+        """Compute a pair's distance at an instant by coal [m]. Possible errors are subtracted.
+
+        One that exceeds the least of its kind by more than `within` [m] may be returned as one that just does. No
+        instant is measured twice.
+        """
+        bodies, kind, key = self.bodies, self.bodies.kind[pair], (pair, float(self.time[knot]))
+        distance, most = self.known.get(key, (np.inf, -np.inf))
+        wanted = float(self.need.upper[kind]) + within + LARGER
+        if distance < most or most >= wanted:
+            return distance
+        taken = float(bodies.taken[pair])
         placed = _placed(bodies, pair, self.at.turns[knot], self.at.places[knot])
-        distance = distance_of(*placed) - float(bodies.taken[pair])
-        note(self.need, bodies.kind[pair], pair, knot, distance)
+        distance = distance_of(*placed, wanted + taken) - taken
+        note(self.need, kind, pair, knot, distance)
+        self.known[key] = distance, wanted
         return distance
 
     def bounds(self) -> tuple[Array, int]:
@@ -354,11 +383,52 @@ class Level:
             return bound, int((state != OPEN).sum())
         left = left[np.argsort(bound[left], kind="stable")]
         row, exact = self.row[left], bodies.exact[pair[left]]
-        change = changes(bodies.pairs, self.at, row, exact)
-        for cell, *where, moved in zip(left, row.tolist(), exact.tolist(), change, strict=True):
-            if bound[cell] < enough(need, bodies.kind[pair[cell]]):
-                bound[cell] = max(bound[cell], self.measure(*where) - moved)
+        found = zip(
+            left.tolist(),
+            self.at.knot[row].tolist(),
+            exact.tolist(),
+            *(bounds.tolist() for bounds in changes(bodies.pairs, self.at, row, exact)),
+            strict=True,
+        )
+        for cell, knots, own, change, bulge in found:
+            least = enough(need, bodies.kind[own])
+            if bound[cell] < least:
+                bound[cell] = max(bound[cell], self._measured(knots, own, change, bulge, least))
         return bound, int((state != OPEN).sum())
+
+    def _measured(self, knots: list[int], pair: int, change: float, bulge: float, least: float) -> float:
+        """Bound a pair's distance during an interval by coal [m].
+
+        The middle is measured where it may suffice.
+
+        Parameters
+        ----------
+        knots : numbers of its begin, middle and end
+        change, bulge : as `changes` returns them [m]
+        least : bound that suffices [m]
+        """
+        begin, end = (self.measure(knot, pair, 2.0 * change) for knot in knots[::2])
+        near, bound = min(begin, end), between(begin, end, change, 4.0 * bulge)
+        if bound >= least or between(near, near, 0.5 * change, bulge) < least:
+            return bound
+        middle = self.measure(knots[1], pair, 2.0 * change)
+        return max(
+            bound, min(between(begin, middle, 0.5 * change, bulge), between(middle, end, 0.5 * change, bulge))
+        )
+
+
+def between(first: float, last: float, change: float, bulge: float) -> float:
+    """Bound a distance between two instants at which it is known [m].
+
+    Parameters
+    ----------
+    change : largest change within half the time between them [m]
+    bulge : largest bulge of a directed distance below its chord [m]
+    """
+    near = min(first, last)
+    least = near - change
+    bent = near - bulge - 0.5 * change**2 / least if least > 0.0 else -np.inf
+    return max(0.5 * (first + last) - change, bent)
 
 
 def _placed(bodies: Bodies, pair: int, turns: Array, places: Array) -> tuple[list[Any], list[Any]]:

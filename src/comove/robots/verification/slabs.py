@@ -255,15 +255,6 @@ def change(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
 
 
 @kernel
-def changes(pairs: Pairs, at: Intervals, row: Integers, pair: Integers) -> Array:
-    """Bound how much distances change within half an interval; array, shape (n_cells,) [m]."""
-    result = np.empty(row.shape[0])
-    for k in range(row.shape[0]):
-        result[k] = change(pairs, at, row[k], pair[k])
-    return result
-
-
-@kernel
 def _bulge(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
     """Bound a directed distance's bulge below its chords over half intervals [m]."""
     n_joints = pairs.between.shape[1]
@@ -279,6 +270,21 @@ def _bulge(pairs: Pairs, at: Intervals, row: int, pair: int) -> float:
     for j in range(n_joints + 1, pairs.reach.shape[1]):
         by_obstacles += pairs.reach[pair, j] * at.rates[row, j]
     return 0.125 * at.half**2 * (bend + 2.0 * speed * sweep) + 0.5 * at.half * by_obstacles
+
+
+@kernel
+def changes(pairs: Pairs, at: Intervals, row: Integers, pair: Integers) -> tuple[Array, Array]:
+    """Bound how distances change and bulge within half an interval.
+
+    Both are arrays, shape (n_cells,) [m]. The latter are of directed distances, below their chords over half the
+    interval, and infinite where an obstacle moves.
+    """
+    change_, bulge = np.empty(row.shape[0]), np.full(row.shape[0], np.inf)
+    for k in range(row.shape[0]):
+        change_[k] = change(pairs, at, row[k], pair[k])
+        if not (pairs.reach[pair[k], pairs.between.shape[1] + 1 :] > 0.0).any():
+            bulge[k] = _bulge(pairs, at, row[k], pair[k])
+    return change_, bulge
 
 
 @kernel

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import InitVar, dataclass, field, fields
+from dataclasses import InitVar, dataclass, field, fields, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks as own
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried, holding_errors
+from comove.robots.verification.certificate import CarryCourse
 from comove.robots.verification.checks import without_gripper
 from comove.robots.verification.kinematics import Bases
 from comove.verification.verify import Check, Sealed, VerifiedMotion, verify
@@ -104,11 +106,12 @@ class VerifiedJointMotion(Sealed):
     motion : VerifiedMotion of end effectors and payload
     joints : JointMotion that passed the checks
     report : JointReport of the checks
+    course : CarryCourse of all bodies, whose clearances were certified
     """
 
     __repr__ = brief
 
-    __slots__ = ("joints", "motion", "report", "robot")
+    __slots__ = ("course", "joints", "motion", "report", "robot")
     MAKER = "comove.robots.verify_joints"
     INSTEAD = "send its `joints` and verify them anew"
 
@@ -116,6 +119,7 @@ class VerifiedJointMotion(Sealed):
     motion: VerifiedMotion
     joints: JointMotion
     report: JointReport
+    course: CarryCourse
     seal: InitVar[object] = field(default=None, kw_only=True)
 
     def __post_init__(self, seal: object) -> None:
@@ -207,6 +211,9 @@ def verify_joints(
     bases = Bases(robot, robot.description.uncertainty)
     carried, curve = Carried(motion.motion), joints.curve
     errors = cache(lambda: holding_errors(robot, arms, carried, curve))
+    course = cache(
+        lambda: CarryCourse(bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR), carried, curve)
+    )
     findings = list[own.JointFinding]()
     for check in (
         lambda: own.rest(robot, curve),
@@ -215,21 +222,38 @@ def verify_joints(
         lambda: own.torques(robot, curve, arms, carried_masses(scene)),
         lambda: own.hands(errors(), motion),
         lambda: own.calibration(bases, arms, errors(), motion),
-        lambda: own.clearances(
-            bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR), carried, curve, slack
-        ),
+        lambda: own.clearances(course().bodies, carried, curve, slack),
     ):
         findings.append(check())
         if slack > 0.0 and findings[-1].reasons:  # the next ones take longer, and one reason suffices
             break
-    measures = {name: value for finding in findings for name, value in finding.measures.items()}
-    where = {name: place for finding in findings for name, place in finding.where.items()}
-    report = JointReport(
-        **measures, uncertainty=bases.uncertainty, without_gripper=without_gripper(robot), where=where
-    )
+    of_robot = JointReport(uncertainty=bases.uncertainty, without_gripper=without_gripper(robot))
+    report = _with_findings(of_robot, findings)
     reasons = tuple(reason for finding in findings for reason in finding.reasons)
-    verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
+    verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, course(), seal=_SEAL)
     return JointVerdict(verified, report, reasons)
+
+
+def tightened(known: VerifiedJointMotion) -> JointVerdict:
+    """Verify the clearances of a verified motion with no slack.
+
+    The result is that of `verify_joints` without slack: nothing else depends on it.
+    """
+    course = known.course
+    finding = own.clearances(course.bodies, course.load, course.curve)
+    report, reasons = _with_findings(known.report, [finding]), tuple(finding.reasons)
+    made = known.robot, known.motion, known.joints, report, course
+    return JointVerdict(None if reasons else VerifiedJointMotion(*made, seal=_SEAL), report, reasons)
+
+
+def _with_findings(report: JointReport, findings: Sequence[own.JointFinding]) -> JointReport:
+    """Return a report with the measures of checks."""
+    measures: dict[str, Any] = {
+        name: value for finding in findings for name, value in finding.measures.items()
+    }
+    kept = {name: place for name, place in report.where.items() if name not in measures}
+    where = {name: place for finding in findings for name, place in finding.where.items()}
+    return replace(report, **measures, where=kept | where)
 
 
 def _refused(reasons: Iterable[str]) -> JointVerdict:
