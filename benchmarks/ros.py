@@ -33,11 +33,12 @@ from timing import number, print_table
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
+from tests.ros.ros1_robot import INSTALL, Process, arm_server, has_ros, ros_master  # noqa: E402
+
 from comove import solve  # noqa: E402
 from comove.model import Scene, demonstration_of  # noqa: E402
 from comove.robots import VerifiedJointMotion  # noqa: E402
 from comove.ros import Ros1Client, SendError, Tolerances, send  # noqa: E402
-from tests.ros.ros1_robot import INSTALL, Process, arm_server, has_ros, ros_master  # noqa: E402
 
 SCENE = ROOT / "examples" / "baxter" / "gap_30.yaml"
 APART, STOPPED = 0.050, 0.100  # s, what is wanted

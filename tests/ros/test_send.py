@@ -33,7 +33,7 @@ class Fake:
         self.arms = arms
         self.calls.append("connect")
 
-    def send(self, goals, delay):
+    def send(self, goals, delay, tolerances):
         self.goals, self.start = goals, self.now + delay
         self.calls.append("send")
 
@@ -163,7 +163,7 @@ def test_an_arm_that_does_not_end_is_stopped(verified, stubborn):
             lambda state: replace(state, age=-2.5),
             r"stamps -2\.5 s old \(0\.1 s allowed\).*by the same time server",
         ),
-        (lambda state: replace(state, position={}), "joints have said nothing for 5 s; switch the robot on"),
+        (lambda state: replace(state, position={}), "joints have said nothing for 10 s; switch the robot on"),
     ],
 )
 def test_a_robot_that_is_not_at_the_start_is_not_moved(verified, fault, message):

@@ -6,7 +6,7 @@ to the grasp and grips, the *release* lets go and moves them home; both come fro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from numbers import Real
 
@@ -72,6 +72,16 @@ class JointSamples:
     def time(self) -> Array:
         """Return the times of the samples [s]; array, shape (n_steps,)."""
         return self.nanoseconds / NANO
+
+    @classmethod
+    def joined(cls, samples: Sequence[JointSamples]) -> JointSamples:
+        """Return samples of the same instants as those of one motion of all their joints."""
+        names = tuple(name for part in samples for name in part.joint_names)
+        rates = (
+            np.concatenate([getattr(part, kind) for part in samples], axis=1)
+            for kind in ("position", "velocity", "acceleration")
+        )
+        return cls(names, samples[0].nanoseconds, *rates)
 
     def of(self, names: tuple[str, ...]) -> JointSamples:
         """Return the samples of these joints alone."""

@@ -1,5 +1,5 @@
 """Sending of motions to robots with one controller per arm. All arms are stopped when one does not follow. The
-coordination is independent of the middleware, which a `TrajectoryClient` connects to (ROS 1: `comove.ros.ros1`)."""
+coordination is independent of the middleware, which a `TrajectoryClient` connects to (`comove.ros.clients`)."""
 
 from __future__ import annotations
 
@@ -68,6 +68,8 @@ class RobotState:
     time : time of the newest position since the common start [s]; None before there is one
     age : age of that position when it arrived [s]; negative if the robot's clock is ahead
     silence : longest time since a joint was last reported [s]; infinite if one never was
+    busy : arms whose controllers have goals of other clients
+    conflict : a joint that two nodes report, and their names; None if none is known
     """
 
     arms: Mapping[str, ArmState] = field(default_factory=dict)
@@ -75,6 +77,8 @@ class RobotState:
     time: float | None = None
     age: float = 0.0
     silence: float = np.inf
+    busy: frozenset[str] = frozenset()
+    conflict: tuple[str, tuple[str, ...]] | None = None
 
 
 class TrajectoryClient(Protocol):
@@ -89,8 +93,11 @@ class TrajectoryClient(Protocol):
             If a controller, or anything else that is needed, is not found within `timeout` [s].
         """
 
-    def send(self, goals: Mapping[str, JointSamples], delay: float) -> None:
-        """Send every arm its motion, to begin `delay` [s] from now. All arms begin at the same instant."""
+    def send(self, goals: Mapping[str, JointSamples], delay: float, tolerances: Tolerances) -> None:
+        """Send every arm its motion, to begin `delay` [s] from now. All arms begin at the same instant.
+
+        `path`, `end` and `late` of the tolerances are for the controllers.
+        """
 
     def cancel(self) -> None:
         """Stop all arms."""
@@ -107,6 +114,7 @@ class Tolerances:
     ----------
     start : largest distance of a joint from the first sample [rad]
     path : largest distance of a joint from the running motion [rad]
+    end : largest distance of a joint from the goal, for the controllers [rad]; 0 for what they have by themselves
     connect : time to wait for the robot [s]
     delay : time from sending to the common start, slightly longer for long motions [s]
     late : largest time from the end of the motion until it is reported as done [s]
@@ -117,7 +125,8 @@ class Tolerances:
 
     start: float = 0.01
     path: float = 0.2
-    connect: float = 5.0
+    end: float = 0.0
+    connect: float = 10.0
     delay: float = 0.3
     late: float = 3.0
     silence: float = 0.5
@@ -126,6 +135,8 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
+            if name == "end" and value == 0:
+                continue
             if isinstance(value, bool) or not 0 < value < float("inf"):  # NaN would never stop an arm
                 raise OptionError(
                     f"{value} is not possible", key=f"tolerances.{name}", way_out="give a positive number"
@@ -196,7 +207,7 @@ def send(
         goals
     )  # s, that a sample may need on its way to an arm
     try:
-        client.send(goals, delay)
+        client.send(goals, delay, tolerances)
         return _watched(client, chosen, tolerances, delay, clock)
     except BaseException:  # whatever it is, no arm goes on alone
         client.cancel()
@@ -230,15 +241,37 @@ def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Toler
             key="clock",
             way_out="set both clocks by the same time server (NTP)",
         )
+    _require_alone(state, part)
     found = np.array([state.position[name] for name in wanted])
     off = np.abs(found - part.joints.position[0])
     if not (off <= tolerances.start).all():
         worst = first_largest(np.nan_to_num(off, nan=np.inf))
+        way_out = "bring the robot there first, by the approach for example"
+        if (np.abs(np.radians(found) - part.joints.position[0]) <= tolerances.start).all():
+            way_out = "the robot seems to tell degrees: have it tell its joints in rad"
         raise SendError(
             f"the joint '{wanted[worst]}' is at {found[worst]:.4f} rad, and the {part.name} begins at "
             f"{part.joints.position[0, worst]:.4f} rad, {off[worst]:.3g} rad away ({tolerances.start:g} allowed)",
             key="start",
-            way_out="bring the robot there first, by the approach for example",
+            way_out=way_out,
+        )
+
+
+def _require_alone(state: RobotState, part: MotionPart) -> None:
+    """Check that nobody else moves the arms, or reports their joints."""
+    busy = [arm for arm in part.arms if arm in state.busy]
+    if busy:
+        raise SendError(
+            f"the controller of the arm '{busy[0]}' has a goal of another client",
+            key="action",
+            way_out="wait for its end, or cancel it",
+        )
+    if state.conflict is not None:
+        joint, nodes = state.conflict
+        raise SendError(
+            f"the joint '{joint}' is told by several nodes: {', '.join(nodes)}",
+            key="joint_states",
+            way_out="end all but the robot's own, or name its topic",
         )
 
 
@@ -281,6 +314,8 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
             return f"the controller of the arm '{name}' {_FAILED[arm.status]}{told}"
         if arm.status is Status.PENDING and state.time is not None and state.time > begun:
             return f"the controller of the arm '{name}' had not taken its goal when all were to begin"
+    if state.busy:
+        return f"another client has sent the controller of the arm '{min(state.busy)}' a goal"
     if not state.silence <= tolerances.silence:
         return f"the robot's joints have said nothing for {state.silence:.2g} s"
     return ""
