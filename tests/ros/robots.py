@@ -156,10 +156,12 @@ class Ros:
         *,
         fault: str | None = None,
         states: bool = True,
+        action: str | None = None,
+        gripper: str | None = None,
     ) -> Process:
         """Start the server of an arm whose joints are at `position` [rad]; it is there at its event "ready"."""
-        settings = {"arm": arm, "position": dict(position), "action": self.action(arm)}
-        settings |= {"fault": fault, "states": states}
+        settings = {"arm": arm, "position": dict(position), "action": action or self.action(arm)}
+        settings |= {"fault": fault, "states": states, "gripper": gripper}
         program = HERE / f"ros{self.version}_server.py"
         return Process([self.python, str(program), json.dumps(settings)], environment)
 

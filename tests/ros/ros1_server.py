@@ -57,7 +57,7 @@ def action_types():
 class Arm:
     """Joints that go where the goal says, unless they have a fault."""
 
-    def __init__(self, arm, position, action, fault, states):
+    def __init__(self, arm, position, action, fault, states, gripper):
         self.position, self.fault = dict(position), fault
         self.types = action_types()
         self.goal, self.stop = None, threading.Event()

@@ -1,9 +1,9 @@
 """An arm's controller in ROS 2, simulated; run by a Python that has rclpy. Not a line of it is comove's.
 
 Usage: ros2_server.py '{"arm": "left", "position": {JOINT: rad}, "action": NAME, "fault": null | "stuck" | "abort" |
-"slow" | "refuse" | "endless" | "skewed", "states": true}'. It refuses what a joint_trajectory_controller refuses, as
-its documentation and source say. Prints one JSON object a line: what happened and when, by the system's monotonic
-clock.
+"slow" | "refuse" | "endless" | "skewed", "states": true, "gripper": null | TYPE}'. It refuses what a
+joint_trajectory_controller refuses, as its documentation and source say. Prints one JSON object a line: what happened
+and when, by the system's monotonic clock.
 """
 
 import json
@@ -12,6 +12,7 @@ import threading
 import time
 
 import rclpy
+from control_msgs import action as actions
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -38,7 +39,7 @@ def seconds(message):
 class Arm:
     """Joints that go where the goal says, unless they have a fault."""
 
-    def __init__(self, node, arm, position, action, fault, states):
+    def __init__(self, node, arm, position, action, fault, states, gripper):
         self.node, self.position, self.fault = node, dict(position), fault
         self.result = FollowJointTrajectory.Result
         self.group = ReentrantCallbackGroup()
@@ -51,6 +52,13 @@ class Arm:
             goal_callback=self.on_goal,
             cancel_callback=self.on_cancel,
         )
+        if gripper is not None:
+            name = {"gripper_command": "GripperCommand", "parallel_gripper_command": "ParallelGripperCommand"}
+            kind = getattr(actions, name.get(gripper, "FollowJointTrajectory"))
+            self.gripper = ActionServer(
+                node, kind, f"/{arm}_gripper/grip", self.grip, callback_group=self.group
+            )
+            self.kind = kind
         self.topic = node.create_publisher(JointState, "/joint_states", 10)
         if states:
             threading.Thread(target=self.tell_states, daemon=True).start()
@@ -85,6 +93,21 @@ class Arm:
         stamp = path.header.stamp.sec * 10**9 + path.header.stamp.nanosec
         log("goal", stamp=stamp, wrong=wrong, path=[tolerance.position for tolerance in tolerances])
         return GoalResponse.REJECT if wrong else GoalResponse.ACCEPT
+
+    def grip(self, goal):
+        """Move the fingers, until they stall on the load where they close."""
+        asked = (
+            goal.request.command if hasattr(goal.request, "command") else goal.request.trajectory.points[0]
+        )
+        wanted = getattr(asked, "position", None) or getattr(asked, "positions", None) or 0.0
+        wanted = float(wanted if isinstance(wanted, float) else wanted[0])
+        time.sleep(0.2)
+        result = self.kind.Result()
+        if hasattr(result, "stalled"):
+            result.stalled, result.reached_goal = wanted == 0.0, wanted != 0.0
+        goal.succeed()
+        log("gripped", position=wanted)
+        return result
 
     def on_cancel(self, goal):
         log("cancel")

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from comove.processes import n_processors
-from comove.ros import Ros1Client, Ros2Client, RosClient, SendError, Tolerances, send
+from comove.robots.description import RosGripper
+from comove.ros import Names, Ros1Client, Ros2Client, RosClient, SendError, Tolerances, send
 from comove.ros.clients import MIDDLEWARES, ROS1
 from tests.ros.robots import JAZZY, KILTED, NOETIC, Process
 
@@ -23,6 +24,13 @@ LOAD = max(
     1.0, os.getloadavg()[0] / n_processors()
 )  # by how much all is slower than on a machine of one's own
 SOON = 0.1 * LOAD  # s, until all arms must have stopped
+GRIPPERS = [
+    "gripper_command",
+    *(
+        pytest.param(kind, marks=pytest.mark.slow)
+        for kind in ("parallel_gripper_command", "joint_trajectory")
+    ),
+]
 TRIES = 3  # of a measurement of time, of which the best counts
 
 
@@ -91,6 +99,48 @@ def test_both_arms_finish_in_step(robot, name, request):
         if apart < 0.05 or not left:
             break
     assert apart < 0.05
+
+
+def test_one_controller_of_both_arms_gets_one_goal(network, brief, monkeypatch):
+    ros, environment = network
+    for key, value in environment.items():
+        monkeypatch.setenv(key, value)
+    at = dict(zip(brief.robot.joint_names, brief.joints.position[0].tolist(), strict=True))
+    both = Names("/both_arms/follow_joint_trajectory")
+    if ros.version == 1:
+        both = replace(both, joint_states="/robot/joint_states")
+    with ros.server("both", at, environment, action=both.action) as server, ros.client(names=both) as client:
+        server.wait_for("ready")
+        outcome = send(client, brief, tolerances=BRIEF)
+        server.wait_for("goal")
+        server.wait_for("done")
+        assert server.events.empty()
+    assert outcome.apart == 0.0 and outcome.deviation < BRIEF.path
+    assert outcome.arms["left"] == outcome.arms["right"]
+
+
+@pytest.mark.parametrize("kind", GRIPPERS)
+@pytest.mark.parametrize("ros", versions(KILTED))
+def test_grippers_close_at_the_end_of_the_approach(ros, kind, verified, transfers, monkeypatch):
+    gripper = RosGripper(type=kind, action="/{arm}_gripper/grip", open=0.04, closed=0.0, joint="{arm}_finger")
+    first, approach = transfers.approach.position[0], transfers.approach
+    at = dict(zip(approach.joint_names, first.tolist(), strict=True))
+    with ExitStack() as running:
+        environment = running.enter_context(ros.network())
+        for key, value in environment.items():
+            monkeypatch.setenv(key, value)
+        servers = {}
+        for arm in ("left", "right"):
+            position = {name: q for name, q in at.items() if name.startswith(arm)}
+            servers[arm] = running.enter_context(ros.server(arm, position, environment, gripper=kind))
+            servers[arm].wait_for("ready")
+        client = running.enter_context(ros.client(names=Names(gripper=gripper)))
+        outcome = send(client, verified, part="approach", transfers=transfers, tolerances=BRIEF)
+        assert outcome.apart < 0.2 * LOAD
+        for server in servers.values():
+            opened, goal, closed = (server.wait_for(name) for name in ("gripped", "goal", "gripped"))
+            assert opened["position"] == 0.04 and closed["position"] == 0.0
+            assert closed["at"] > goal["at"] + approach.duration - transfers.grip_time
 
 
 def fails(client, motion, message, **changes):

@@ -1,7 +1,7 @@
 """Export of verified joint motions to files and messages of robots."""
 
 from comove.errors import ExportError, SendError
-from comove.ros.clients import Names, Ros1Client, Ros2Client, RosClient
+from comove.ros.clients import Names, Ros1Client, Ros2Client, RosClient, connect
 from comove.ros.formats import FORMATS, ExportFormat, check_export, export, usual_format
 from comove.ros.parts import IN_STEP, JointSamples, MotionPart, MotionProvenance, parts_of
 from comove.ros.send import SendOutcome, Tolerances, TrajectoryClient, send
@@ -23,6 +23,7 @@ __all__ = [
     "Tolerances",
     "TrajectoryClient",
     "check_export",
+    "connect",
     "export",
     "parts_of",
     "send",

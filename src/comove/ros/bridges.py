@@ -5,10 +5,12 @@ ROS brings its own Python, so a program that runs in that communicates with this
 
 Commands:
 
-    {"do": "connect", "servers": [ACTION], "joint_states": TOPIC, "joints": [NAME], "timeout": s, "sim_time": bool}
+    {"do": "connect", "servers": [ACTION], "joint_states": TOPIC, "joints": [NAME], "timeout": s, "sim_time": bool,
+        "grippers": {ARM: {"kind": TYPE, "action": ACTION, "joint": NAME}}}
     {"do": "send", "delay": s, "goals": {ACTION: {"id": NUMBER, "joints": [NAME], "time": [ns],
         "position": [[rad]], "velocity": ..., "acceleration": ...,
         "path": rad, "end": rad, "late": s}}}             the controller's tolerances; 0 rad: what it has by itself
+    {"do": "grip", "goals": {ARM: {"position": rad or m, "effort": N, "seconds": s}}}
     {"do": "guard", "ids": {ACTION: NUMBER}}             goals of another bridge, to be cancelled at the end
     {"do": "cancel"}
 
@@ -18,6 +20,7 @@ Events:
     {"event": "connected"}, {"event": "sent"}, {"event": "cancelled"}
     {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
     {"event": "goal", "server": ACTION, "status": STATUS, "text": TEXT, "time": s since the common start}
+    {"event": "gripper", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
     {"event": "busy", "server": ACTION, "busy": bool}     whether another client has a goal there
     {"event": "conflict", "joint": NAME, "nodes": [NODE]}  of two nodes that tell the same joint
 

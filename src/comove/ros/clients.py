@@ -15,13 +15,17 @@ from pathlib import Path
 from typing import Any, Self
 
 from comove.errors import SendError, listed
+from comove.robots.description import RosGripper, RosNames
+from comove.robots.model import Robot
+from comove.robots.verification.verify import VerifiedJointMotion
 from comove.ros.bridges import Bridge, Event, awaited
 from comove.ros.parts import JointSamples
-from comove.ros.send import ArmState, RobotState, Status, Tolerances
+from comove.ros.send import ArmState, RobotState, SendOutcome, Status, Tolerances, send
 
 PYTHON = "COMOVE_ROS_PYTHON"
 DISTRIBUTIONS = Path("/opt/ros")
 ARM = "{arm}"
+GRIP_TIME = 0.5  # s, of a gripper's motion as a trajectory
 
 
 @dataclass(frozen=True)
@@ -31,19 +35,46 @@ class Names:
     Attributes
     ----------
     action : action of each arm's controller, in which the arm's name replaces ``{arm}``; without it, one controller
-        has all arms, and gets one goal
-    joint_states : topic of the joints' positions
+        has all arms, and gets one goal; None for the usual one
+    joint_states : topic of the joints' positions; None for the usual one
+    gripper : controllers of the grippers; None to move none
     """
 
-    action: str
-    joint_states: str
+    action: str | None = None
+    joint_states: str | None = None
+    gripper: RosGripper | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, action: str | None = None, joint_states: str | None = None) -> Names:
+        """Return names: those given, else those of the robot's description."""
+        own = robot.description.ros or RosNames()
+        return cls(action or own.action, joint_states or own.joint_states, own.gripper)
+
+    def or_usual(self, ros: Middleware) -> Names:
+        """Return these names, and the usual ones of a version of ROS where there are none."""
+        usual = ros.names
+        return Names(self.action or usual.action, self.joint_states or usual.joint_states, self.gripper)
 
     def actions(self, arms: Sequence[str]) -> dict[str, list[str]]:
         """Return the arms that each action moves."""
         found: dict[str, list[str]] = {}
         for arm in arms:
-            found.setdefault(self.action.replace(ARM, arm), []).append(arm)
+            found.setdefault((self.action or "").replace(ARM, arm), []).append(arm)
         return found
+
+    def grippers(self, arms: Sequence[str]) -> dict[str, dict[str, str | None]]:
+        """Return the controller of each arm's gripper, for a bridge."""
+        if (gripper := self.gripper) is None:
+            return {}
+        joint = gripper.joint
+        return {
+            arm: {
+                "kind": gripper.type,
+                "action": gripper.action.replace(ARM, arm),
+                "joint": None if joint is None else joint.replace(ARM, arm),
+            }
+            for arm in arms
+        }
 
 
 @dataclass(frozen=True)
@@ -87,7 +118,7 @@ class RosClient:
     Parameters
     ----------
     versions : versions of ROS to look for, in turn
-    names : names of the robot's action servers and topic; those of the version found unless given
+    names : names of the robot's action servers and topic
     python : path of a Python with ROS; searched for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
     sim_time : whether time is that of a simulator, on /clock (ROS 2; in ROS 1 the parameter use_sim_time says so)
     answer : time within which a bridge must confirm a cancellation [s]
@@ -97,7 +128,7 @@ class RosClient:
     def __init__(
         self,
         versions: Sequence[int] = tuple(MIDDLEWARES),
-        names: Names | None = None,
+        names: Names = Names(),
         python: str | None = None,
         *,
         sim_time: bool = False,
@@ -110,6 +141,11 @@ class RosClient:
         self._guard: Bridge | None = None
         self._actions = dict[str, list[str]]()
         self._state, self._heard = RobotState(), dict[str, float]()
+
+    @property
+    def has_grippers(self) -> bool:
+        """Whether the grippers have controllers."""
+        return self._names.gripper is not None
 
     def __enter__(self) -> Self:
         return self
@@ -145,7 +181,7 @@ class RosClient:
         self, ros: Middleware, python: str, arms: Mapping[str, tuple[str, ...]], timeout: float
     ) -> Event:
         """Start two bridges and connect them; return the first bad answer, or the first one's."""
-        names = self._names or ros.names
+        names = self._names.or_usual(ros)
         self._actions, self._state = names.actions(tuple(arms)), RobotState()
         command = {
             "do": "connect",
@@ -154,12 +190,13 @@ class RosClient:
             "joints": [name for names in arms.values() for name in names],
             "timeout": timeout,
             "sim_time": self._sim_time,
+            "grippers": names.grippers(tuple(arms)),
         }
         try:
             self._bridge = Bridge(python, ros.program)
             self._bridge.tell(command)
             self._guard = Bridge(python, ros.program)
-            self._guard.tell({**command, "joints": []})
+            self._guard.tell({**command, "joints": [], "grippers": {}})
         except OSError as error:
             return {"event": "refused", "reason": "ros", "what": error.strerror or str(error)}
         answers = [
@@ -178,8 +215,8 @@ class RosClient:
         """Send all goals with one stamp; see `TrajectoryClient`."""
         ids = {action: uuid.uuid4().hex for action in self._actions}
         told = {}
-        for action, arms in self._actions.items():
-            goal = JointSamples.joined([goals[arm] for arm in arms])
+        for action, moved in self._actions.items():
+            goal = JointSamples.joined([goals[arm] for arm in moved])
             told[action] = {
                 "id": ids[action],
                 "joints": goal.joint_names,
@@ -197,6 +234,19 @@ class RosClient:
             self._guard.tell({"do": "guard", "ids": ids})
         if self._bridge is not None:
             self._bridge.tell({"do": "send", "delay": delay, "goals": told})
+
+    def grip(self, closed: bool) -> None:
+        """Close all grippers, or open them."""
+        gripper = self._names.gripper
+        if gripper is None or self._bridge is None:
+            return
+        goal = {
+            "position": gripper.closed if closed else gripper.open,
+            "effort": gripper.effort or 0.0,
+            "seconds": GRIP_TIME,
+        }
+        self._state = replace(self._state, grippers=dict.fromkeys(self._state.arms, ArmState(Status.PENDING)))
+        self._bridge.tell({"do": "grip", "goals": {arm: goal for arm in self._state.arms}})
 
     def cancel(self) -> None:
         """Stop all arms."""
@@ -256,6 +306,9 @@ class RosClient:
             arm = ArmState(Status[event["status"]], event["text"], event["time"])
             arms = dict.fromkeys(self._actions[event["server"]], arm)
             self._state = replace(state, arms={**state.arms, **arms})
+        elif kind == "gripper":
+            gripper = ArmState(Status[event["status"]], event["text"], event["time"])
+            self._state = replace(state, grippers={**state.grippers, event["arm"]: gripper})
         elif kind == "busy":
             of_server = set(self._actions[event["server"]])
             busy = (state.busy | of_server) if event["busy"] else (state.busy - of_server)
@@ -270,17 +323,65 @@ class RosClient:
         self._state = replace(self._state, arms=dict.fromkeys(self._state.arms, lost))
 
 
+@dataclass(frozen=True)
+class ConnectedRobot:
+    """A robot in ROS, as a context in which motions are sent to it.
+
+    Attributes
+    ----------
+    client : connection to its controllers
+    """
+
+    client: RosClient
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+
+    def send(self, motion: VerifiedJointMotion, **options: Any) -> SendOutcome:
+        """Play a verified motion until all arms are done; `options` are those of `comove.ros.send`."""
+        return send(self.client, motion, **options)
+
+
+def connect(
+    action: str | None = None,
+    joint_states: str | None = None,
+    *,
+    gripper: RosGripper | None = None,
+    version: int | None = None,
+    **settings: Any,
+) -> ConnectedRobot:
+    """Return the robot that is in ROS here, as a context.
+
+    Parameters
+    ----------
+    action, joint_states, gripper : names as in `Names`; the usual ones unless given
+    version : 1 or 2; ROS 2 where it is found, else ROS 1, unless given
+    settings : further parameters of `RosClient`
+
+    Examples
+    --------
+    >>> import comove.ros
+    >>> with comove.ros.connect("/{arm}_controller/follow_joint_trajectory") as robot:
+    ...     outcome = robot.send(motion)
+    """
+    versions = tuple(MIDDLEWARES) if version is None else (version,)
+    return ConnectedRobot(RosClient(versions, Names(action, joint_states, gripper), **settings))
+
+
 class Ros1Client(RosClient):
     """`RosClient` for ROS 1."""
 
-    def __init__(self, names: Names = ROS1.names, python: str | None = None, **settings: Any):
+    def __init__(self, names: Names = Names(), python: str | None = None, **settings: Any):
         super().__init__((1,), names, python, **settings)
 
 
 class Ros2Client(RosClient):
     """`RosClient` for ROS 2."""
 
-    def __init__(self, names: Names = ROS2.names, python: str | None = None, **settings: Any):
+    def __init__(self, names: Names = Names(), python: str | None = None, **settings: Any):
         super().__init__((2,), names, python, **settings)
 
 
@@ -344,6 +445,11 @@ def _refusal(answer: Event, timeout: float) -> SendError:
             "action",
             f"ROS takes no name '{what}': {' '.join(found)}",
             "give another --action or topic",
+        ),
+        "grippers": (
+            "gripper",
+            "grippers are moved in ROS 2 only",
+            "leave 'gripper' out of 'ros' in the robot's description",
         ),
         "clock": (
             "use_sim_time",

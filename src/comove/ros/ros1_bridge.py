@@ -117,13 +117,15 @@ class RosBridge(object):
         self.closed = set()
         self.guarded = False
 
-    def connect(self, servers, joint_states, joints, timeout, sim_time):
+    def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
         """Wait for all servers, then listen to the joints. The parameter use_sim_time says whose time it is."""
         import actionlib
         import rospy
         from actionlib_msgs.msg import GoalStatusArray
         from sensor_msgs.msg import JointState
 
+        if grippers:
+            raise Refused("grippers", "")
         require_master()
         rospy.init_node("comove", anonymous=True, disable_signals=True)
         until = time.time() + timeout

@@ -138,16 +138,85 @@ class Server:
             )
 
 
+class Gripper:
+    """An action server of a gripper. The newest goal counts."""
+
+    def __init__(self, bridge, arm, kind, action, joint):
+        from control_msgs import action as actions
+        from rclpy.action import ActionClient
+
+        self.bridge, self.arm, self.kind, self.joint, self.name = bridge, arm, kind, joint, action
+        self.number = 0
+        names = {"gripper_command": "GripperCommand", "parallel_gripper_command": "ParallelGripperCommand"}
+        name = names.get(kind, "FollowJointTrajectory")
+        if not hasattr(actions, name):
+            raise Refused("control_msgs", f"it has no {name}, which newer distributions have", [])
+        self.action = getattr(actions, name)
+        self.client = ActionClient(bridge.node, self.action, action)
+
+    @property
+    def is_there(self):
+        """Return whether the server is in the graph."""
+        return self.client.server_is_ready()
+
+    def goal(self, position, effort, seconds):
+        """Return a goal as a message."""
+        from builtin_interfaces.msg import Duration
+        from trajectory_msgs.msg import JointTrajectoryPoint
+
+        message = self.action.Goal()
+        if self.kind == "gripper_command":
+            message.command.position, message.command.max_effort = position, effort
+        elif self.kind == "parallel_gripper_command":
+            message.command.name, message.command.position = [self.joint], [position]
+            message.command.effort = [effort] if effort else []
+        else:
+            time = Duration(sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
+            message.trajectory.joint_names = [self.joint]
+            message.trajectory.points = [JointTrajectoryPoint(positions=[position], time_from_start=time)]
+        return message
+
+    def send(self, position, effort, seconds):
+        """Send a goal."""
+        self.number += 1
+        number = self.number
+        sent = self.client.send_goal_async(self.goal(position, effort, seconds))
+        sent.add_done_callback(lambda future: self.on_answer(future, number))
+
+    def on_answer(self, future, number):
+        handle = future.result()
+        if not handle.accepted:
+            self.tell("REJECTED", "its log says why", number)
+            return
+        self.tell("ACTIVE", "", number)
+        handle.get_result_async().add_done_callback(lambda done: self.on_result(done, number))
+
+    def on_result(self, future, number):
+        """Tell the result. Fingers that stall have closed on something."""
+        answer = future.result()
+        status, text = ENDS.get(answer.status, "LOST"), getattr(answer.result, "error_string", "")
+        if status == "ABORTED" and getattr(answer.result, "stalled", False):
+            status = "SUCCEEDED"
+        self.tell(status, text, number)
+
+    def tell(self, status, text, number):
+        if number == self.number:
+            self.bridge.tell(
+                "gripper", arm=self.arm, status=status, text=text, time=self.bridge.since_start()
+            )
+
+
 class Bridge:
     """Node that sends goals to action servers and listens to joints."""
 
     def __init__(self, tell):
         self.tell = tell
-        self.servers, self.numbers, self.joints, self.tellers = {}, set(), set(), {}
+        self.servers, self.grippers = {}, {}
+        self.numbers, self.joints, self.tellers = set(), set(), {}
         self.node = self.executor = self.thread = self.start = None
         self.topic = ""
 
-    def connect(self, servers, joint_states, joints, timeout, sim_time):
+    def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
         """Wait for all servers and for a way back from each of them, and listen to the joints."""
         import rclpy
         from rclpy.clock import Clock, ClockType
@@ -161,17 +230,18 @@ class Bridge:
         simulated = [Parameter("use_sim_time", Parameter.Type.BOOL, True)] if sim_time else []
         self.node = rclpy.create_node(f"comove_{os.getpid()}", parameter_overrides=simulated)
         self.joints, self.topic = set(joints), joint_states
-        names = rclpy_names(servers, [joint_states])
+        require_names([*servers, joint_states, *(gripper["action"] for gripper in grippers.values())])
         self.node.create_subscription(
             JointState, joint_states, self.joints_callback(), qos_profile_sensor_data
         )
-        self.servers = {name: Server(self, name) for name in names}
+        self.servers = {name: Server(self, name) for name in servers}
+        self.grippers = {arm: Gripper(self, arm, **gripper) for arm, gripper in grippers.items()}
         self.node.create_timer(LOOK, self.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.spin, daemon=True)
         self.thread.start()
-        for server in self.servers.values():
+        for server in [*self.servers.values(), *self.grippers.values()]:
             while not server.is_there:
                 self.wait(until, "server", server.name)
         # A server is found before what it answers finds the way back: only an answer shows that there is one.
@@ -225,6 +295,10 @@ class Bridge:
             lambda: [self.servers[name].send(goals[name]["id"], m) for name, m in messages.items()]
         )
         self.tell("sent")
+
+    def grip(self, goals):
+        """Send grippers goals, by arm."""
+        self.on_thread(lambda: [self.grippers[arm].send(**goal) for arm, goal in goals.items()])
 
     def goal_message(self, name, goal):
         """Return a goal as a message."""
@@ -325,17 +399,16 @@ class Bridge:
             self.thread.join(2.0)
 
 
-def rclpy_names(servers, topics):
-    """Return the names of servers, which ROS must be able to take."""
+def require_names(names):
+    """Refuse names that ROS does not take."""
     from rclpy.exceptions import InvalidTopicNameException
     from rclpy.validate_topic_name import validate_topic_name
 
-    for name in [*servers, *topics]:
+    for name in names:
         try:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise Refused("name", name, [str(error).splitlines()[0]]) from None
-    return servers
 
 
 def main():

@@ -15,7 +15,7 @@ from comove.arrays import first_largest
 from comove.errors import OptionError, SendError, near_name
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
+from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, Grip, JointSamples, MotionPart, parts_of, require_rate
 
 Clock = Callable[[], float]
 
@@ -68,6 +68,7 @@ class RobotState:
     time : time of the newest position since the common start [s]; None before there is one
     age : age of that position when it arrived [s]; negative if the robot's clock is ahead
     silence : longest time since a joint was last reported [s]; infinite if one never was
+    grippers : states of the grippers, by arm, as far as they were told to move
     busy : arms whose controllers have goals of other clients
     conflict : a joint that two nodes report, and their names; None if none is known
     """
@@ -77,12 +78,17 @@ class RobotState:
     time: float | None = None
     age: float = 0.0
     silence: float = np.inf
+    grippers: Mapping[str, ArmState] = field(default_factory=dict)
     busy: frozenset[str] = frozenset()
     conflict: tuple[str, tuple[str, ...]] | None = None
 
 
 class TrajectoryClient(Protocol):
     """Connection to the controllers of a robot's arms."""
+
+    @property
+    def has_grippers(self) -> bool:
+        """Whether it can move grippers."""
 
     def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
         """Find the controller of each arm and listen to its joints. `arms` holds the joint names of each arm.
@@ -98,6 +104,9 @@ class TrajectoryClient(Protocol):
 
         `path`, `end` and `late` of the tolerances are for the controllers.
         """
+
+    def grip(self, closed: bool) -> None:
+        """Close all grippers, or open them."""
 
     def cancel(self) -> None:
         """Stop all arms."""
@@ -201,6 +210,9 @@ def send(
     require_rate(motion, rate)
     client.connect(chosen.arms, tolerances.connect)
     _require_start(client, chosen, tolerances, clock)
+    grips = chosen.grips if client.has_grippers else ()
+    if grips and grips[0].time < 0.0:
+        _gripped(client, grips[0].closed, tolerances, clock)
     samples = chosen.samples(rate)
     goals = {arm: samples.of(names) for arm, names in chosen.arms.items()}
     delay = tolerances.delay + 1e-4 * len(samples.nanoseconds) * len(
@@ -208,7 +220,9 @@ def send(
     )  # s, that a sample may need on its way to an arm
     try:
         client.send(goals, delay, tolerances)
-        return _watched(client, chosen, tolerances, delay, clock)
+        return _watched(
+            client, chosen, [grip for grip in grips if grip.time >= 0.0], tolerances, delay, clock
+        )
     except BaseException:  # whatever it is, no arm goes on alone
         client.cancel()
         raise
@@ -275,25 +289,65 @@ def _require_alone(state: RobotState, part: MotionPart) -> None:
         )
 
 
+def _gripped(client: TrajectoryClient, closed: bool, tolerances: Tolerances, clock: Clock) -> None:
+    """Move the grippers before anything else, and wait until they are done."""
+    client.grip(closed)
+    until = clock() + tolerances.connect
+    while clock() < until:
+        state = client.state(tolerances.look)
+        reason = _grippers_failure(state)
+        if reason:
+            raise SendError(reason, key="gripper", way_out="look at it, or leave 'gripper' out of 'ros'")
+        if all(gripper.status is Status.SUCCEEDED for gripper in state.grippers.values()):
+            return
+    raise SendError(
+        f"the grippers were not done after {tolerances.connect:g} s",
+        key="gripper",
+        way_out="look at them, or leave 'gripper' out of 'ros'",
+    )
+
+
+def _grippers_failure(state: RobotState) -> str:
+    for name, gripper in state.grippers.items():
+        if gripper.status in _FAILED:
+            told = f": {gripper.text}" if gripper.text else ""
+            return f"the controller of the gripper of '{name}' {_FAILED[gripper.status]}{told}"
+    return ""
+
+
 def _watched(
-    client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, delay: float, clock: Clock
+    client: TrajectoryClient,
+    part: MotionPart,
+    grips: list[Grip],
+    tolerances: Tolerances,
+    delay: float,
+    clock: Clock,
 ) -> SendOutcome:
-    """Wait until all arms are done; stop all if one fails."""
+    """Wait until all arms are done, with the grippers moved meanwhile; stop all if one fails."""
     began, worst = clock(), 0.0
     while True:
         state = client.state(tolerances.look)
+        if grips and state.time is not None and state.time >= grips[0].time:
+            client.grip(grips.pop(0).closed)
+            state = client.state(0.0)
         off, joint = _deviation(state, part)
         worst = max(worst, off)
         reason = _failure(state, tolerances)
         if not reason and not off <= tolerances.path:
             reason = f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
-        arms = [state.arms.get(arm, ArmState()) for arm in part.arms]
-        if not reason and all(arm.status is Status.SUCCEEDED for arm in arms):
+        if not reason and state.time is not None and state.time > part.released_by:
+            held = [
+                name for name, gripper in state.grippers.items() if gripper.status is not Status.SUCCEEDED
+            ]
+            reason = f"the gripper of '{held[0]}' was not open when its arm was to leave" if held else ""
+        ends = [state.arms.get(arm, ArmState()) for arm in part.arms] + list(state.grippers.values())
+        if not reason and not grips and all(end.status is Status.SUCCEEDED for end in ends):
             return SendOutcome(state.arms, worst)
         allowed = delay + part.joints.duration + tolerances.late
         if not reason and not clock() - began <= allowed:
             slow = next(
-                name for name in part.arms if state.arms.get(name, ArmState()).status is not Status.SUCCEEDED
+                (n for n in part.arms if state.arms.get(n, ArmState()).status is not Status.SUCCEEDED),
+                next(iter(part.arms)),
             )
             reason = f"the arm '{slow}' was not done {tolerances.late:g} s after the end of the motion"
         if reason:
@@ -314,6 +368,8 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
             return f"the controller of the arm '{name}' {_FAILED[arm.status]}{told}"
         if arm.status is Status.PENDING and state.time is not None and state.time > begun:
             return f"the controller of the arm '{name}' had not taken its goal when all were to begin"
+    if reason := _grippers_failure(state):
+        return reason
     if state.busy:
         return f"another client has sent the controller of the arm '{min(state.busy)}' a goal"
     if not state.silence <= tolerances.silence:
