@@ -107,7 +107,9 @@ def dds_domain(*, quick: bool = True) -> Iterator[dict[str, str]]:
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_DOMAIN_ID": str(random.SystemRandom().randrange(1, 100)),
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
-        **({"FASTRTPS_DEFAULT_PROFILES_FILE": str(QUICK)} if quick else {}),
+        **(
+            {f"{name}_DEFAULT_PROFILES_FILE": str(QUICK) for name in ("FASTDDS", "FASTRTPS")} if quick else {}
+        ),
     }
 
 

@@ -1,8 +1,8 @@
 """An arm's action server in ROS 1, simulated; run by a Python that has rospy. Not a line of it is comove's.
 
-Usage: ros1_server.py '{"arm": "left", "position": {JOINT: rad}, "action": NAME, "fault": null | "stuck" |
-"abort" | "slow" | "refuse" | "endless" | "skewed", "states": true}'. Prints one JSON object a line: what happened and
-when, by the system's monotonic clock.
+Usage: ros1_server.py '{"arm": "left", "position": {JOINT: rad}, "action": NAME, "fault": null | "stuck" | "abort" |
+"slow" | "refuse" | "endless" | "skewed" | "silent", "states": true, "gripper": null}'. Prints one JSON object a line:
+what happened and when, by the system's monotonic clock.
 """
 
 import json
@@ -19,8 +19,10 @@ from trajectory_msgs.msg import JointTrajectory
 
 RATE = 100.0  # Hz
 STUCK_AT = 0.3  # s after the start
+SILENT_AT = 0.6  # s after the start, when a silent arm tells its joints no more
 SLOW = 0.6  # of the speed, of a slow arm
 SKEW = 3.0  # s, that the clock of a skewed robot is late
+LOCK = threading.Lock()
 LINE = "\n" + 80 * "=" + "\n"
 CONTROL = {
     "FollowJointTrajectoryAction": "FollowJointTrajectoryActionGoal action_goal\n"
@@ -58,7 +60,7 @@ class Arm:
     """Joints that go where the goal says, unless they have a fault."""
 
     def __init__(self, arm, position, action, fault, states, gripper):
-        self.position, self.fault = dict(position), fault
+        self.position, self.fault, self.silent = dict(position), fault, False
         self.types = action_types()
         self.goal, self.stop = None, threading.Event()
         kind = self.types["control_msgs/FollowJointTrajectoryAction"]
@@ -71,11 +73,12 @@ class Arm:
 
     @staticmethod
     def log(event, **content):
-        print(json.dumps(dict(content, event=event, at=time.monotonic())), flush=True)
+        with LOCK:
+            print(json.dumps(dict(content, event=event, at=time.monotonic())), flush=True)
 
     def tell_states(self):
         rate = rospy.Rate(RATE)
-        while not rospy.is_shutdown():
+        while not rospy.is_shutdown() and not self.silent:
             message = JointState(name=list(self.position), position=list(self.position.values()))
             late = SKEW if self.fault == "skewed" else 0.0
             message.header.stamp = rospy.Time.now() - rospy.Duration(late)
@@ -103,6 +106,7 @@ class Arm:
         while not rospy.is_shutdown():
             now = (rospy.Time.now() - trajectory.header.stamp).to_sec()
             now *= SLOW if self.fault == "slow" else 1.0
+            self.silent = self.fault == "silent" and now > SILENT_AT
             if self.stop.is_set():
                 goal.set_canceled(result)
                 self.log("stopped", time=now)

@@ -1,7 +1,7 @@
 """An arm's controller in ROS 2, simulated; run by a Python that has rclpy. Not a line of it is comove's.
 
 Usage: ros2_server.py '{"arm": "left", "position": {JOINT: rad}, "action": NAME, "fault": null | "stuck" | "abort" |
-"slow" | "refuse" | "endless" | "skewed", "states": true, "gripper": null | TYPE}'. It refuses what a
+"slow" | "refuse" | "endless" | "skewed" | "silent", "states": true, "gripper": null | TYPE}'. It refuses what a
 joint_trajectory_controller refuses, as its documentation and source say. Prints one JSON object a line: what happened
 and when, by the system's monotonic clock.
 """
@@ -23,13 +23,18 @@ from sensor_msgs.msg import JointState
 RATE = 100.0  # Hz
 FEEDBACK = 0.05  # s
 STUCK_AT = 0.3  # s after the start
+SILENT_AT = 0.6  # s after the start, when a silent arm tells its joints no more
 STOPPED = 1.2e-7  # rad/s, largest velocity of a last point
 SLOW = 0.6  # of the speed, of a slow arm
 SKEW = 3.0  # s, that the clock of a skewed robot is late
 
 
+LOCK = threading.Lock()
+
+
 def log(event, **content):
-    print(json.dumps(dict(content, event=event, at=time.monotonic())), flush=True)
+    with LOCK:
+        print(json.dumps(dict(content, event=event, at=time.monotonic())), flush=True)
 
 
 def seconds(message):
@@ -41,6 +46,7 @@ class Arm:
 
     def __init__(self, node, arm, position, action, fault, states, gripper):
         self.node, self.position, self.fault = node, dict(position), fault
+        self.silent = False
         self.result = FollowJointTrajectory.Result
         self.group = ReentrantCallbackGroup()
         self.server = ActionServer(
@@ -64,7 +70,7 @@ class Arm:
             threading.Thread(target=self.tell_states, daemon=True).start()
 
     def tell_states(self):
-        while rclpy.ok():
+        while rclpy.ok() and not self.silent:
             message = JointState(name=list(self.position), position=list(self.position.values()))
             now = self.node.get_clock().now().nanoseconds - (int(SKEW * 1e9) if self.fault == "skewed" else 0)
             message.header.stamp = Time(nanoseconds=now).to_msg()
@@ -121,6 +127,7 @@ class Arm:
         while rclpy.ok():
             now = self.node.get_clock().now().nanoseconds * 1e-9 - start
             now *= SLOW if self.fault == "slow" else 1.0
+            self.silent = self.fault == "silent" and now > SILENT_AT
             if goal.is_cancel_requested:
                 goal.canceled()
                 log("stopped", time=now)

@@ -160,9 +160,6 @@ class RosClient:
             self.close()
             answer = self._begin(ros, python, arms, timeout)
             if answer["event"] == "connected":
-                joints = [name for names in arms.values() for name in names]
-                self._state = replace(self._state, arms={arm: ArmState() for arm in arms})
-                self._heard = dict.fromkeys(joints, -float("inf"))
                 return
             if answer["reason"] not in ("ros", "control_msgs"):
                 raise _refusal(answer, timeout)
@@ -181,13 +178,14 @@ class RosClient:
         self, ros: Middleware, python: str, arms: Mapping[str, tuple[str, ...]], timeout: float
     ) -> Event:
         """Start two bridges and connect them; return the first bad answer, or the first one's."""
-        names = self._names.or_usual(ros)
-        self._actions, self._state = names.actions(tuple(arms)), RobotState()
+        names, joints = self._names.or_usual(ros), [name for names in arms.values() for name in names]
+        self._actions, self._heard = names.actions(tuple(arms)), dict.fromkeys(joints, -float("inf"))
+        self._state = RobotState(arms={arm: ArmState() for arm in arms})
         command = {
             "do": "connect",
             "servers": list(self._actions),
             "joint_states": names.joint_states,
-            "joints": [name for names in arms.values() for name in names],
+            "joints": joints,
             "timeout": timeout,
             "sim_time": self._sim_time,
             "grippers": names.grippers(tuple(arms)),
@@ -320,7 +318,8 @@ class RosClient:
 
     def _lose(self, why: str) -> None:
         lost = ArmState(Status.LOST, f"the bridge to ROS {why}")
-        self._state = replace(self._state, arms=dict.fromkeys(self._state.arms, lost))
+        arms = {name: arm if arm.status is Status.LOST else lost for name, arm in self._state.arms.items()}
+        self._state = replace(self._state, arms=arms)
 
 
 @dataclass(frozen=True)

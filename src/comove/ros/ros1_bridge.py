@@ -236,6 +236,8 @@ class RosBridge(object):
 
     def on_status(self, message, server):
         self.heard[server] = time.time()
+        if self.start is not None and server not in self.goals:
+            return  # a goal is being sent, and its id is not known yet
         own = [number_of(goal) for goal in self.goals.values()]
         busy = any(s.status in ACTIVE and s.goal_id.id not in own for s in message.status_list)
         if busy != self.busy.get(server, False):
