@@ -13,15 +13,18 @@ Commands:
     {"do": "grip", "goals": {ARM: {"position": rad or m, "effort": N, "seconds": s}}}
     {"do": "guard", "ids": {ACTION: NUMBER}}             goals of another bridge, to be cancelled at the end
     {"do": "cancel"}
+    {"do": "look", "joint_states": TOPIC, "timeout": s}   (ROS 2) what there is, without a motion
 
 Events:
 
     {"event": "refused", "reason": REASON, "what": TEXT, "found": [NAME]}
     {"event": "connected"}, {"event": "sent"}, {"event": "cancelled"}
-    {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
+    {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}, "now": s (ROS 2)}
     {"event": "goal", "server": ACTION, "status": STATUS, "text": TEXT, "time": s since the common start}
     {"event": "gripper", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
     {"event": "busy", "server": ACTION, "busy": bool}     whether another client has a goal there
+    {"event": "seen", "distribution": NAME, "rmw": NAME, "domain": ID, "python": VERSION, "nodes": [NODE],
+        "servers": [{"action": ACTION, "answer": s or null, "busy": bool}]}
     {"event": "conflict", "joint": NAME, "nodes": [NODE]}  of two nodes that tell the same joint
 
 When its input ends for any reason, a bridge cancels all its goals: an arm must not go on alone.

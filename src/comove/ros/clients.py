@@ -167,7 +167,7 @@ class RosClient:
                 refused = refused or _refusal(answer, timeout)
             tried.append(f"{python} (ROS {ros.version}: {answer['what']})")
         self.close()
-        raise refused or _missing(self._versions, tried)
+        raise refused or ros_missing(self._versions, tried)
 
     def _candidates(self) -> Iterator[tuple[Middleware, str]]:
         for version in self._versions:
@@ -399,7 +399,7 @@ def pythons() -> list[str]:
     return [python for python in dict.fromkeys(found) if python and os.access(python, os.X_OK)]
 
 
-def _missing(versions: Sequence[int], tried: Sequence[str]) -> SendError:
+def ros_missing(versions: Sequence[int], tried: Sequence[str]) -> SendError:
     """Return the error for ROS that no Python has, with advice."""
     way_out = f"install {MIDDLEWARES[versions[0]].needs}, and name their Python in {PYTHON}"
     with suppress(OSError):

@@ -216,47 +216,91 @@ class Bridge:
         self.node = self.executor = self.thread = self.start = None
         self.topic = ""
 
-    def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
-        """Wait for all servers and for a way back from each of them, and listen to the joints."""
+    def open(self, sim_time):
+        """Join the graph of ROS."""
         import rclpy
         from rclpy.clock import Clock, ClockType
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.parameter import Parameter
-        from rclpy.qos import qos_profile_sensor_data
-        from sensor_msgs.msg import JointState
 
-        until = time.monotonic() + timeout
         rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
         simulated = [Parameter("use_sim_time", Parameter.Type.BOOL, True)] if sim_time else []
         self.node = rclpy.create_node(f"comove_{os.getpid()}", parameter_overrides=simulated)
-        self.joints, self.topic = set(joints), joint_states
-        require_names([*servers, joint_states, *(gripper["action"] for gripper in grippers.values())])
-        self.node.create_subscription(
-            JointState, joint_states, self.joints_callback(), qos_profile_sensor_data
-        )
-        self.servers = {name: Server(self, name) for name in servers}
-        self.grippers = {arm: Gripper(self, arm, **gripper) for arm, gripper in grippers.items()}
-        self.node.create_timer(LOOK, self.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.node.create_timer(LOOK, self.look_at_servers, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.spin, daemon=True)
         self.thread.start()
+
+    def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
+        """Wait for all servers and for a way back from each of them, and listen to the joints."""
+        require_names([*servers, joint_states, *(gripper["action"] for gripper in grippers.values())])
+        until = time.monotonic() + timeout
+        self.open(sim_time)
+        self.listen(joint_states, joints)
+        self.servers = {name: Server(self, name) for name in servers}
+        self.grippers = {arm: Gripper(self, arm, **gripper) for arm, gripper in grippers.items()}
         for server in [*self.servers.values(), *self.grippers.values()]:
             while not server.is_there:
                 self.wait(until, "server", server.name)
         # A server is found before what it answers finds the way back: only an answer shows that there is one.
-        asked = self.on_thread(
-            lambda: {name: s.cancel(os.urandom(16).hex()) for name, s in self.servers.items()}
-        )
-        for name, answer in asked.items():
+        for name, answer in self.asked().items():
             while not answer.done():
                 self.wait(until, "answer", name)
         while sim_time and not self.node.get_clock().now().nanoseconds:
             self.wait(until, "clock", "/clock")
+        self.tell("connected")
+
+    def asked(self):
+        """Return a future answer of each server: to the question to end a goal that nobody has."""
+        return self.on_thread(
+            lambda: {name: s.cancel(os.urandom(16).hex()) for name, s in self.servers.items()}
+        )
+
+    def listen(self, joint_states, joints):
+        """Listen to joints; to all if `joints` is None."""
+        from rclpy.qos import qos_profile_sensor_data
+        from sensor_msgs.msg import JointState
+
+        self.joints, self.topic = None if joints is None else set(joints), joint_states
+        self.node.create_subscription(
+            JointState, joint_states, self.joints_callback(), qos_profile_sensor_data
+        )
+
+    def look(self, joint_states, timeout):
+        """Tell which servers there are, how soon they answer, and what the joints say."""
+        import rclpy
+        from rclpy.action import get_action_names_and_types
+
+        require_names([joint_states])
+        self.open(sim_time=False)
+        self.listen(joint_states, None)
+        time.sleep(timeout)
+        found = sorted(name for name, kinds in get_action_names_and_types(self.node) if FOLLOW in kinds)
+        self.servers = {name: Server(self, name) for name in found}
+        begun = time.monotonic()
+        while not all(s.is_there for s in self.servers.values()) and time.monotonic() - begun < timeout:
+            time.sleep(0.002)
+        begun = time.monotonic()
+        answers, took = self.asked(), {}
+        while len(took) < len(answers) and time.monotonic() - begun < timeout:
+            took.update(
+                {n: time.monotonic() - begun for n, a in answers.items() if a.done() and n not in took}
+            )
+            time.sleep(0.0005)
+        time.sleep(0.2)  # for the status of goals
+        servers = [
+            {"action": name, "answer": took.get(name), "busy": bool(s.busy)}
+            for name, s in self.servers.items()
+        ]
         self.tell(
-            "connected",
+            "seen",
             distribution=os.environ.get("ROS_DISTRO", ""),
             rmw=rclpy.get_rmw_implementation_identifier(),
+            domain=os.environ.get("ROS_DOMAIN_ID", "0"),
+            python=".".join(map(str, sys.version_info[:3])),
+            servers=servers,
+            nodes=self.nodes(),
         )
 
     def on_thread(self, work):
@@ -356,7 +400,8 @@ class Bridge:
         return lambda message: self.on_joints(message, {})
 
     def on_joints(self, message, info):
-        position = {n: p for n, p in zip(message.name, message.position, strict=False) if n in self.joints}
+        told = zip(message.name, message.position, strict=False)
+        position = {n: p for n, p in told if self.joints is None or n in self.joints}
         if not position:
             return
         sender = info.get("publisher_gid") if isinstance(info, dict) else None
@@ -364,7 +409,8 @@ class Bridge:
             self.compare(position, bytes(sender["data"]))
         now = self.node.get_clock().now().nanoseconds
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or now
-        self.tell("joints", time=self.since_start(stamp), age=(now - stamp) * 1e-9, position=position)
+        age = (now - stamp) * 1e-9
+        self.tell("joints", time=self.since_start(stamp), age=age, now=now * 1e-9, position=position)
 
     def compare(self, position, sender):
         """Tell a joint that has two senders."""
@@ -373,15 +419,16 @@ class Bridge:
             before, heard = self.tellers.get(joint, (sender, now))
             if before != sender and now - heard < STALE and None not in self.tellers:
                 self.tellers[None] = sender, now  # it is told once
-                nodes = sorted(
-                    (info.node_namespace.rstrip("/") + "/" + info.node_name)
-                    for info in self.node.get_publishers_info_by_topic(self.topic)
-                )
-                self.tell("conflict", joint=joint, nodes=nodes)
+                self.tell("conflict", joint=joint, nodes=self.nodes())
             self.tellers[joint] = sender, now
 
-    def look(self):
-        for server in self.servers.values():
+    def nodes(self):
+        """Return the nodes that tell joint states."""
+        found = self.node.get_publishers_info_by_topic(self.topic)
+        return sorted({info.node_namespace.rstrip("/") + "/" + info.node_name for info in found})
+
+    def look_at_servers(self):
+        for server in list(self.servers.values()):
             server.look()
 
     def close(self):
