@@ -799,3 +799,59 @@ def test_limits_in_degrees_are_proposed_in_radians(tmp_path):
     proposal = propose([str(path)], tmp_path / "five.yaml")
     assert proposal.data["limits"]["j3"] == {"lower": -2.79253, "upper": 2.79253}
     assert any("no usable lower and upper" in note for note in proposal.notes)
+
+
+SRDF = """\
+<robot name="made">
+  <group name="left_manipulator"><joint name="world"/><chain base_link="base" tip_link="l_link5"/></group>
+  <group name="grippers"><joint name="l_slide_a"/><joint name="l_slide_b"/></group>
+  <group name="everything"><group name="left_manipulator"/><group name="grippers"/><group name="everything"/></group>
+  <group name="by links">LINKS</group>
+  <group_state name="ready" group="left_manipulator">STATES</group_state>
+  <disable_collisions link1="base" link2="l_link3" reason="Never"/>
+</robot>
+"""
+
+
+def srdf_of(tmp_path, state=(0.1, -0.5, 0.2, 1.2, 0, 0.7)):
+    links = "".join(f'<link name="r_link{k}"/>' for k in range(6))
+    both = [
+        f'<joint name="{side}_joint{k}" value="{value}"/>' for side in "lr" for k, value in enumerate(state)
+    ]
+    text = SRDF.replace("LINKS", links).replace("STATES", "".join(both))
+    return written(tmp_path, text, "moveit.srdf")
+
+
+def two_arms(tmp_path):
+    arms = [arm(f"{side}_", "base", (0, y, 0.15), gripper=(0, 0, 1)) for side, y in (("l", 0.4), ("r", -0.4))]
+    return written(tmp_path, urdf(link("base"), *arms))
+
+
+def test_groups_of_an_srdf_name_the_joints_of_chains_links_and_groups(tmp_path):
+    """Of a group that names itself as well."""
+    tree = tree_of(Path(two_arms(tmp_path)).read_text())
+    groups = tree.groups(ET.parse(srdf_of(tmp_path)).getroot())
+    assert groups["left_manipulator"] == {f"l_joint{k}" for k in range(6)}
+    assert groups["by links"] == {f"r_joint{k}" for k in range(6)}
+    assert groups["everything"] == groups["left_manipulator"] | {"l_slide_a", "l_slide_b"}
+
+
+def test_arms_are_called_as_the_groups_of_an_srdf_and_are_home_in_a_state(tmp_path):
+    """The pairs of the SRDF are left out as well; a state that is not there is refused."""
+    file = tmp_path / "pair.yaml"
+    found = propose([two_arms(tmp_path)], file, srdf=srdf_of(tmp_path), home_state="ready")
+    assert list(found.data["arms"]) == ["left_manipulator", "by_links"]
+    home = [0.1, -0.5, 0.2, 1.2, 0, 0.7]
+    assert found.robot.arm("left_manipulator").home == pytest.approx(home)
+    assert found.robot.arm("by_links").home == pytest.approx(home)
+    assert frozenset(("base", "l_link3")) in found.robot.sources[0].srdf.disabled
+    with pytest.raises(RobotError, match=r"no group state 'redy'.*did you mean 'ready'"):
+        propose([two_arms(tmp_path)], file, srdf=srdf_of(tmp_path), home_state="redy")
+
+
+def test_an_arm_without_a_group_of_its_joints_is_told(tmp_path):
+    path = Path(srdf_of(tmp_path))
+    path.write_text(path.read_text().replace('<link name="r_link5"/>', ""))
+    found = propose([two_arms(tmp_path)], tmp_path / "pair.yaml", srdf=str(path), home_state="ready")
+    assert list(found.data["arms"]) == ["left_manipulator", "right"]
+    assert any("no group of the SRDF has just the joints r_joint0" in note for note in found.notes)

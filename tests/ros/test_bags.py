@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from comove import Demonstration
-from comove.ros import FORMATS, export, parts_of
+from comove.ros import FORMATS, export, moveit_messages, parts_of
 
 BAGS = ("rosbag1", "rosbag2", "mcap")
 EXACT = 1e-12
@@ -158,3 +158,70 @@ def test_ros_1_itself_reads_it(verified, bags, samples):
     assert list(time) == samples.nanoseconds.tolist()
     assert np.abs(np.array(position) - samples.position[:, 7:]).max() < EXACT
     assert np.abs(np.array(acceleration) - samples.acceleration[:, 7:]).max() < EXACT
+
+
+@pytest.fixture(scope="module")
+def for_moveit(verified, transfers, tmp_path_factory):
+    pytest.importorskip("rosbags")
+    return export(verified, tmp_path_factory.mktemp("moveit"), FORMATS["moveit"], transfers=transfers)
+
+
+def test_moveit_gets_trajectories_by_the_definitions_in_the_file(verified, transfers, for_moveit):
+    """Carry, approach and release, read by rosbags, to which comove's definitions are unknown."""
+    from rosbags.highlevel import AnyReader
+
+    assert [path.name for path in for_moveit] == [
+        "moveit.mcap",
+        "moveit_approach.mcap",
+        "moveit_release.mcap",
+    ]
+    parts = parts_of(verified, transfers)
+    assert list(parts) == ["carry", "approach", "release"]
+    for path, part in zip(for_moveit, parts.values(), strict=True):
+        wanted = part.samples(100.0)
+        with AnyReader([path]) as reader:
+            found = {
+                connection.topic: reader.deserialize(data, connection.msgtype)
+                for connection, _, data in reader.messages()
+            }
+            kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+            kept = {c.topic: c.ext.offered_qos_profiles[0].durability.name for c in reader.connections}
+        assert kinds["/comove/robot_trajectory"] == "moveit_msgs/msg/RobotTrajectory"
+        assert kinds["/comove/display_planned_path"] == "moveit_msgs/msg/DisplayTrajectory"
+        assert {kept[topic] for topic in ("/comove/robot_trajectory", "/comove/display_planned_path")} == {
+            "TRANSIENT_LOCAL"
+        }
+        shown = found["/comove/display_planned_path"]
+        (whole,) = shown.trajectory
+        for motion in (whole, found["/comove/robot_trajectory"]):
+            motion = motion.joint_trajectory
+            assert motion.header.stamp.sec == motion.header.stamp.nanosec == 0, (
+                "it begins when it is executed"
+            )
+            assert tuple(motion.joint_names) == verified.robot.joint_names
+            time = [p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in motion.points]
+            assert time == wanted.nanoseconds.tolist()
+            for key, exact in (
+                ("positions", wanted.position),
+                ("velocities", wanted.velocity),
+                ("accelerations", wanted.acceleration),
+            ):
+                assert np.abs(np.array([getattr(p, key) for p in motion.points]) - exact).max() < EXACT
+        start = shown.trajectory_start
+        assert start.joint_state.name == list(verified.robot.joint_names)
+        assert np.abs(start.joint_state.position - wanted.position[0]).max() < EXACT
+        assert json.loads(found["/comove/provenance"].data)["part"] == part.name
+
+
+def test_messages_of_moveit_are_those_of_its_definitions(verified, samples):
+    """Encoded as ROS 2 encodes them, by definitions typed anew."""
+    from tests.model.files.planning_scenes import Messages
+
+    store = Messages().store
+    found = moveit_messages(parts_of(verified)["carry"], 100.0)
+    assert set(found) == {"moveit_msgs/msg/RobotTrajectory", "moveit_msgs/msg/DisplayTrajectory"}
+    message = store.deserialize_cdr(
+        found["moveit_msgs/msg/RobotTrajectory"], "moveit_msgs/msg/RobotTrajectory"
+    )
+    position = np.array([point.positions for point in message.joint_trajectory.points])
+    assert np.abs(position - samples.position).max() < EXACT

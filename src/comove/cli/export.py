@@ -15,7 +15,7 @@ from comove.errors import OptionError
 if TYPE_CHECKING:
     from comove.robots.transfers import Transfers
 
-FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
+FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap", "moveit")
 
 
 @verb

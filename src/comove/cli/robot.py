@@ -86,6 +86,16 @@ def new(
             metavar="URDF", help="Gripper for every arm without fingers: a file, or package://NAME/..."
         ),
     ] = None,
+    srdf: Annotated[
+        str | None,
+        typer.Option(
+            help="SRDF in place of one beside the URDF, as MoveIt has it; its groups name the arms."
+        ),
+    ] = None,
+    home_state: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Group state of the SRDF that is home; searched unless given."),
+    ] = None,
 ) -> int:
     """Propose a robot's description from its URDF; check and draw it. It holds arms, tools, home positions, and
     pairs of links that always touch."""
@@ -99,7 +109,9 @@ def new(
     _require_new(out)
     require_target(out, RobotError)
     around = None if obstacles is None else _around(obstacles)
-    proposal = propose(urdfs, out, apart=apart, around=around, gripper=gripper)
+    proposal = propose(
+        urdfs, out, apart=apart, around=around, gripper=gripper, srdf=srdf, home_state=home_state
+    )
     stems = [Path(urdf).stem for urdf in proposal.srdf]
     for k, (urdf, text) in enumerate(proposal.srdf.items()):
         again = f"-{k + 1}" * (stems.count(stems[k]) > 1)  # models of one name in several folders

@@ -219,8 +219,8 @@ class Scene:
                 elif obstacle >= 0:
                     way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
-                    entry = self.words.key(f"obstacles[{obstacle}]")
-                    way_out += f"; if the payload rests on it, write support: true in {entry}"
+                    support = self.words.support(obstacle, self.file.obstacles[obstacle].name or "")
+                    way_out += f"; if the payload rests on it, write {support}"
                 raise SceneError(
                     f"at the {end} {self.words.bodies} {where} {nearest}{outside}{need}",
                     file=self.path,

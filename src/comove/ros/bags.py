@@ -9,6 +9,13 @@ Controllers read `trajectory_msgs/JointTrajectory`, viewers `sensor_msgs/JointSt
 | ``/comove/joint_states`` | JointState | all moving joints, one message a sample |
 | ``/comove/provenance`` | String | JSON: version, and checksums of scene, robot and motion |
 
+For RViz and MoveIt there are also:
+
+| topic | type | content |
+|---|---|---|
+| ``/comove/robot_trajectory`` | moveit_msgs/RobotTrajectory | all moving joints, to be executed at once |
+| ``/comove/display_planned_path`` | moveit_msgs/DisplayTrajectory | the same, with the joints at its start |
+
 All but the states are latched (ROS 2: transient local), so late subscribers get them too. No robot listens to these
 topics: playing back a bag moves nothing. Stamps begin at `START`, since 0 means "none" in ROS.
 """
@@ -21,13 +28,15 @@ import json
 import os
 import sqlite3
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from comove.io.files import installed
+from comove.model.files.moveit_bags import DEFINITIONS, DISPLAY, ROBOT_TRAJECTORY
 from comove.ros.parts import NANO, JointSamples, MotionPart
 
 START = NANO  # ns, stamp of time zero
@@ -37,6 +46,7 @@ TRAJECTORY, STATE, TEXT = (
     "sensor_msgs/msg/JointState",
     "std_msgs/msg/String",
 )
+NONE: Mapping[str, str] = MappingProxyType({})
 Message = tuple[str, str, int, Any]
 """Topic, type, stamp [ns] and the message."""
 
@@ -71,18 +81,57 @@ def write_rosbag2(path: Path, part: MotionPart, rate: float) -> None:
     inner.rmdir()
 
 
-def write_mcap(path: Path, part: MotionPart, rate: float) -> None:
+def write_mcap(path: Path, part: MotionPart, rate: float, definitions: Mapping[str, str] = NONE) -> None:
     """Write a part as one MCAP file. It equals the file that ROS 2 would record in a bag folder."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        _write_ros2(Path(folder, "bag"), part, rate, "MCAP")
+        _write_ros2(Path(folder, "bag"), part, rate, "MCAP", definitions)
         os.replace(Path(folder, "bag", "bag.mcap"), path)
 
 
-def _write_ros2(path: Path, part: MotionPart, rate: float, storage: str) -> None:
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
+def write_moveit(path: Path, part: MotionPart, rate: float) -> None:
+    """Write a part as one MCAP file for RViz and MoveIt. The definitions of MoveIt's messages are in the file."""
+    write_mcap(path, part, rate, DEFINITIONS)
+
+
+def moveit_messages(part: MotionPart, rate: float) -> dict[str, bytes]:
+    """Return a part as MoveIt's messages by type, encoded in CDR.
+
+    With ROS, ``rclpy.serialization.deserialize_message(data, RobotTrajectory)`` makes a message of one.
+
+    Parameters
+    ----------
+    rate : samples a second [Hz]
+
+    Raises
+    ------
+    ExtraError
+        If the library rosbags is missing.
+    """
+    require_rosbags(part)
+    store = _store(DEFINITIONS)
+    found = _moveit_messages(store, part.samples(rate))
+    return {kind: bytes(store.serialize_cdr(message, kind)) for _, kind, _, message in found}
+
+
+def _store(definitions: Mapping[str, str]) -> Any:
+    """Return the types of ROS 2 with further ones, by their definitions."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
+    for kind, text in definitions.items():
+        store.register(get_types_from_msg(text, kind))
+    return store
+
+
+def _write_ros2(
+    path: Path, part: MotionPart, rate: float, storage: str, definitions: Mapping[str, str] = NONE
+) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    store, samples = _store(definitions), part.samples(rate)
+    messages = _messages(store, part, samples)
+    if ROBOT_TRAJECTORY in definitions:
+        messages[1:1] = _moveit_messages(store, samples)
     with _telling(), Writer(path, version=8, storage_plugin=StoragePlugin[storage]) as writer:
         for key, value in part.provenance.asdict().items():
             writer.set_custom_data(f"comove.{key}", value)
@@ -91,7 +140,7 @@ def _write_ros2(path: Path, part: MotionPart, rate: float, storage: str) -> None
             qos = [_quality(latched=kind != STATE)]
             return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
 
-        _write(writer, connect, store.serialize_cdr, _messages(store, part, part.samples(rate)))
+        _write(writer, connect, store.serialize_cdr, messages)
 
 
 @contextlib.contextmanager
@@ -156,7 +205,39 @@ def _messages(store: Any, part: MotionPart, samples: JointSamples) -> list[Messa
     return messages
 
 
-def _trajectory(store: Any, samples: JointSamples) -> Any:
+def _moveit_messages(store: Any, samples: JointSamples) -> list[Message]:
+    """Return MoveIt's messages of a motion. Their header has no stamp, so that it begins when it is executed."""
+    types = store.types
+    frameless = _header(store, 0, 0)
+    no_joints = {"header": frameless, "joint_names": []}
+    joints = _trajectory(store, samples, 0)
+    several = types["trajectory_msgs/msg/MultiDOFJointTrajectory"](**no_joints, points=[])
+    whole = types[ROBOT_TRAJECTORY](joint_trajectory=joints, multi_dof_joint_trajectory=several)
+    none = np.empty(0)
+    at_start = types[STATE](
+        header=frameless,
+        name=list(samples.joint_names),
+        position=samples.position[0],
+        velocity=none,
+        effort=none,
+    )
+    none_floating = types["sensor_msgs/msg/MultiDOFJointState"](
+        **no_joints, transforms=[], twist=[], wrench=[]
+    )
+    start = types["moveit_msgs/msg/RobotState"](
+        joint_state=at_start,
+        multi_dof_joint_state=none_floating,
+        attached_collision_objects=[],
+        is_diff=True,
+    )
+    shown = types[DISPLAY](model_id="", trajectory=[whole], trajectory_start=start)
+    return [
+        ("/comove/robot_trajectory", ROBOT_TRAJECTORY, START, whole),
+        ("/comove/display_planned_path", DISPLAY, START, shown),
+    ]
+
+
+def _trajectory(store: Any, samples: JointSamples, stamp: int = START) -> Any:
     Point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
     Duration = store.types["builtin_interfaces/msg/Duration"]
     position, velocity, acceleration = map(
@@ -173,7 +254,7 @@ def _trajectory(store: Any, samples: JointSamples) -> Any:
         for row, time in enumerate(samples.nanoseconds.tolist())
     ]
     return store.types[TRAJECTORY](
-        header=_header(store, START, 0), joint_names=list(samples.joint_names), points=points
+        header=_header(store, stamp, 0), joint_names=list(samples.joint_names), points=points
     )
 
 

@@ -15,7 +15,7 @@ from comove.io.files import whole_file, whole_path
 from comove.io.folders import Contents, whole_folder
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.ros.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
+from comove.ros.bags import require_rosbags, write_mcap, write_moveit, write_rosbag1, write_rosbag2
 from comove.ros.parts import (
     CARRY,
     SAMPLE_RATE,
@@ -75,7 +75,10 @@ NPZ = ExportFormat("npz", "NumPy", ".npz", write_npz)
 ROSBAG1 = ExportFormat("rosbag1", "ROS 1", ".bag", write_rosbag1, require_rosbags)
 ROSBAG2 = ExportFormat("rosbag2", "ROS 2", "", write_rosbag2, require_rosbags)
 MCAP = ExportFormat("mcap", "ROS 2 and Foxglove", ".mcap", write_mcap, require_rosbags)
-FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROSBAG2, MCAP)}
+MOVEIT = ExportFormat(
+    "moveit", "RViz and MoveIt", ".mcap", write_moveit, require_rosbags, carry="moveit", others="moveit_{}"
+)
+FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROSBAG2, MCAP, MOVEIT)}
 
 
 def usual_format(motion: VerifiedJointMotion) -> ExportFormat:

@@ -141,7 +141,11 @@ def test_a_plane_is_solid_below(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("\nbox\n", "\ncone\n", r"line 6: no obstacle has the shape 'cone'; write it as a box"),
+        (
+            "\nbox\n1.0 0.5 0.04",
+            "\ncone\n0.5 0.04",
+            r"line 6: no obstacle has the shape 'cone'; write it as a box",
+        ),
         ("0 0 0 1\n0 0 0 0\nsphere", "0 0 0 2\n0 0 0 0\nsphere", "line 9: the quaternion has the norm 2"),
         ("0 3 2\n", "0 3 4\n", "the mesh of 4 vertices has triangles of others"),
         ("0 0 0 0\n0\n.", "0 0 0 0\n0\n", "the file ends before its last point"),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.dmp.demonstrations.units import is_angle, is_length, is_of_joints, require_unit
-from comove.errors import DemonstrationError, OptionError, listed, near_name
+from comove.errors import DemonstrationError, InputError, OptionError, listed, near_name
 
 HZ, WHICH_UNIT = "HZ", "UNIT"
 """Words of a printed command for a rate and a unit that the file does not tell, which a person replaces."""
@@ -56,7 +56,7 @@ def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_o
     """Convert a library's exceptions on damaged bytes to a fault."""
     try:
         yield
-    except (DemonstrationError, Warning):
+    except (InputError, Warning):
         raise
     except broken as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]

@@ -1,96 +1,167 @@
-"""Planning scenes in MoveIt's text format (.scene).
+"""Planning scenes of MoveIt: the text format (.scene), and messages in bags of ROS 2.
 
-RViz and `PlanningScene::saveGeometryToStream` write them. After the scene's name each object begins with ``* NAME``,
-and a point ends the file. Since MoveIt 1.1 an object has a pose of its own, to which those of its shapes are
-relative, and subframes after its shapes; a blank in the line after the first name distinguishes the formats, as in
-MoveIt. Quaternions are x, y, z, w.
+Both readers return a `PlanningScene`, whose objects become obstacles here. Positions are in metres, orientations
+rotation matrices, together homogeneous matrices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from comove.arrays import Array, Integers
-from comove.errors import SceneError, shortened
+from comove.errors import SceneError, listed, shortened
+from comove.geometry.meshes import MAX_FACES
 from comove.geometry.rotations import matrices, quaternion_of_rotation
-from comove.io.files import existing_file
+from comove.io.files import telling
 from comove.io.keys import QUATERNION_TOLERANCE
 
 Triangles = tuple[Array, Integers]
 """Vertices of a mesh [m], and three of them for each triangle."""
 
-MAX_BYTES = 100_000_000
 FLOOR, THICK = 10.0, 0.1
 """Half the width of a plane, and its thickness as a box [m]."""
-SAYS = "write it again by MoveIt, or correct it"
+OCTOMAP = "<octomap>"
+"""Name of the object that stands for the octomap, as in MoveIt."""
+N_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}
+"""Numbers that give a shape's size, in the order of the text format: of cylinders and cones radius, length."""
+BAGS = (".mcap", ".db3", ".bag")
+MARK = "metadata.yaml"
+"""What marks a folder as a bag."""
 
 
-class _Words:
-    """The words of a file, one after the other, with their lines."""
+class Shape(NamedTuple):
+    """A shape at a pose in its object's frame. `where` is its place in the file, for messages."""
 
-    def __init__(self, path: Path):
-        self.path = existing_file(path, MAX_BYTES, "leave objects out", SceneError)
-        self.lines = self.path.read_text(encoding="utf-8", errors="replace").splitlines()
-        self.number, self.rest = 0, list[str]()
-
-    def error(self, message: str, way_out: str = SAYS) -> SceneError:
-        """Return an error in the line that is read."""
-        return SceneError(message, file=self.path, key=f"line {self.number}", way_out=way_out)
-
-    def line(self) -> str:
-        """Return the rest of the line."""
-        said, self.rest = " ".join(self.rest), []
-        return said
-
-    def word(self) -> str:
-        """Return the next word."""
-        while not self.rest:
-            if self.number >= len(self.lines):
-                raise self.error("the file ends before its last point, '.'")
-            self.number += 1
-            self.rest = self.lines[self.number - 1].split()
-        return self.rest.pop(0)
-
-    def count(self, most: int) -> int:
-        """Return the next whole number."""
-        word = self.word()
-        if not word.isdigit() or int(word) > most:
-            raise self.error(f"{shortened(word)!r} is no whole number up to {most}")
-        return int(word)
-
-    def numbers(self, n: int) -> Array:
-        """Return the next numbers; array, shape (n,)."""
-        words = [self.word() for _ in range(n)]
-        try:
-            found = np.array([float(word) for word in words])
-        except ValueError:
-            raise self.error(f"{shortened(' '.join(words))!r} are not {n} numbers") from None
-        if not np.isfinite(found).all():
-            raise self.error(f"{shortened(' '.join(words))!r} are not finite")
-        return found
-
-    def pose(self) -> tuple[Array, Array]:
-        """Return the next pose: position [m] and rotation matrix."""
-        position, quaternion = self.numbers(3), np.roll(self.numbers(4), 1)
-        norm = float(np.linalg.norm(quaternion))
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            raise self.error(f"the quaternion has the norm {norm:.6g}", "write a unit quaternion, w last")
-        return position, matrices(quaternion / norm)
+    kind: str
+    sizes: Array
+    pose: Array
+    where: str
+    mesh: Triangles | None = None
 
 
-def obstacles_in(path: Path) -> list[dict[str, Any]]:
-    """Return the objects of a planning scene as obstacles. Meshes are given by their number in the file, `part`.
+class CollisionObject(NamedTuple):
+    """An object at a pose in a `frame`; an empty name is that of the planning frame."""
+
+    name: str
+    pose: Array
+    shapes: tuple[Shape, ...]
+    frame: str = ""
+
+
+class AttachedObject(NamedTuple):
+    """An object that moves with a `link`, and may touch others; `mass` is 0 if it is unknown [kg]."""
+
+    object: CollisionObject
+    link: str
+    touch_links: tuple[str, ...] = ()
+    mass: float = 0.0
+
+
+@dataclass(frozen=True)
+class PlanningScene:
+    """A planning scene.
+
+    Attributes
+    ----------
+    objects : objects in the world
+    frame : name of the planning frame; empty if it is unknown
+    transforms : poses of other frames in the planning frame, by name
+    joints : joint positions of the robot, by name [rad, m]
+    attached : objects attached to the robot
+    allowed : pairs of links or objects that may touch; one name alone may touch all others
+    compared : names of the allowed collision matrix, whose other pairs may not touch
+    padded : links that are padded or scaled
+    """
+
+    objects: tuple[CollisionObject, ...] = ()
+    frame: str = ""
+    transforms: Mapping[str, Array] = field(default_factory=dict)
+    joints: Mapping[str, float] = field(default_factory=dict)
+    attached: tuple[AttachedObject, ...] = ()
+    allowed: frozenset[frozenset[str]] = frozenset()
+    compared: frozenset[str] = frozenset()
+    padded: frozenset[str] = frozenset()
+
+    def pose_of(self, one: CollisionObject) -> Array:
+        """Return the pose of an object in the planning frame; array, shape (4, 4).
+
+        Raises
+        ------
+        SceneError
+            If its frame is not known.
+        """
+        if one.frame in ("", self.frame):
+            return one.pose
+        if one.frame in self.transforms:
+            return self.transforms[one.frame] @ one.pose
+        known = listed([repr(name) for name in (self.frame, *self.transforms) if name], 8) or "none"
+        raise SceneError(
+            f"the object '{shortened(one.name)}' is in the frame '{shortened(one.frame)}', whose place in the "
+            f"scene is not given (frames known: {known})",
+            way_out=f"add it to fixed_frame_transforms, or {leaving_out(one.name)}",
+        )
+
+
+def leaving_out(name: str) -> str:
+    """Return the advice to leave an object out."""
+    return f"leave it out: leave_out: [{shortened(name)!r}]"
+
+
+def planning_scene_in(path: Path) -> PlanningScene:
+    """Read a planning scene: a bag of ROS 2 (folder, .mcap, .db3), or the text format.
 
     Raises
     ------
-    SceneError
-        If the file cannot be read, or has a shape that no obstacle has; it names the line.
+    InputError
+        If it cannot be read, or is a bag without a planning scene.
     """
-    return [entry for entry, _ in _objects(path)]
+    with telling(path, error=SceneError):
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        stats = [file.stat() for file in files if file.exists()]
+    return _read(
+        path, tuple((stat.st_ino, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_size) for stat in stats)
+    )
+
+
+@lru_cache(maxsize=2)  # asked for again by every mesh in it
+def _read(path: Path, _: tuple[tuple[int, ...], ...]) -> PlanningScene:
+    if path.suffix.lower() in BAGS or (path / MARK).is_file():
+        from comove.model.files import moveit_bags  # most scenes need none of them
+
+        return moveit_bags.read(path)
+    from comove.model.files import moveit_text
+
+    return moveit_text.read(path)
+
+
+def obstacles_in(path: Path) -> list[dict[str, Any]]:
+    """Return the objects of a planning scene as obstacles.
+
+    Meshes are given by their number in the file, `part`. An entry `refused` is the error of a shape that no obstacle
+    can have, or of an object in an unknown frame.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    scene, found, part = planning_scene_in(path), list[dict[str, Any]](), 0
+    for one in scene.objects:
+        for shape in one.shapes:
+            entry: dict[str, Any] = {"name": one.name}
+            if shape.mesh is not None:
+                entry["part"], part = part, part + 1
+            try:
+                found.append(entry | obstacle_of(one.name, shape, scene.pose_of(one)))
+            except SceneError as error:
+                found.append(entry | {"refused": error})
+    return found
 
 
 def mesh_in(path: Path, part: int) -> bytes:
@@ -101,75 +172,96 @@ def mesh_in(path: Path, part: int) -> bytes:
     SceneError
         If there is no such mesh.
     """
-    meshes = [mesh for _, mesh in _objects(path) if mesh is not None]
+    scene = planning_scene_in(path)
+    meshes = [shape.mesh for one in scene.objects for shape in one.shapes if shape.mesh is not None]
     if part >= len(meshes):
         raise SceneError(f"it has {len(meshes)} meshes", file=path, way_out=f"name one below {len(meshes)}")
-    vertices, faces = meshes[part]
+    return as_off(meshes[part])
+
+
+def as_off(mesh: Triangles) -> bytes:
+    """Return a mesh in the format OFF."""
+    vertices, faces = mesh
     rows = [f"OFF\n{len(vertices)} {len(faces)} 0"]
     rows += [" ".join(map(repr, vertex)) for vertex in vertices.tolist()]
     rows += [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]
     return "\n".join(rows).encode()
 
 
-def _objects(path: Path) -> Iterator[tuple[dict[str, Any], Triangles | None]]:
-    """Yield the shapes as obstacles, with vertices and triangles of meshes."""
-    words, n_meshes, has_poses = _Words(path), 0, False
-    words.number = min(1, len(words.lines))  # whose first is the scene's name
-    first = True
-    while (marker := words.word()) != ".":
-        if marker != "*":
-            raise words.error(f"{shortened(marker)!r} begins neither an object, '*', nor the end, '.'")
-        name = words.line()
-        if first:
-            following = words.lines[words.number].strip() if words.number < len(words.lines) else ""
-            has_poses, first = " " in following, False
-        position, turn = words.pose() if has_poses else (np.zeros(3), np.eye(3))
-        for _ in range(words.count(100_000)):
-            entry, mesh = _shape(words)
-            if mesh is not None:
-                entry["part"], n_meshes = n_meshes, n_meshes + 1
-            own, turned = words.pose()
-            words.numbers(4)  # its colour
-            whole = turn @ turned
-            center = position + turn @ own + whole @ entry.pop("offset", np.zeros(3))
-            whole = whole @ entry.pop("turn", np.eye(3))
-            entry |= {"name": name, "center": center}
-            if entry["shape"] != "sphere":
-                entry["quaternion_wxyz"] = quaternion_of_rotation(whole).tolist()
-            yield entry, mesh
-        for _ in range(words.count(100_000) if has_poses else 0):
-            words.word()
-            words.pose()
+def obstacle_of(name: str, shape: Shape, pose: Array) -> dict[str, Any]:
+    """Return a shape of an object at `pose` as an obstacle.
 
+    Parameters
+    ----------
+    name : name of the object, for messages
+    pose : array, shape (4, 4), pose of the object
 
-def _shape(words: _Words) -> tuple[dict[str, Any], Triangles | None]:
-    """Return the next shape as an obstacle, without its pose. Of a mesh also vertices and triangles are returned."""
-    kind = words.word()
-    if kind == "box":
-        return {"shape": "box", "size": words.numbers(3).tolist()}, None
-    if kind == "sphere":
-        return {"shape": "sphere", "radius": float(words.numbers(1)[0])}, None
-    if kind == "cylinder":
-        radius, height = words.numbers(2).tolist()
-        return {"shape": "cylinder", "radius": radius, "height": height}, None
-    if kind == "plane":  # of the points n x + d = 0, below which it is solid
-        *normal, d = words.numbers(4).tolist()
-        n = np.array(normal)
-        size = float(np.linalg.norm(n))
-        if not size > 0.0:
-            raise words.error("the plane has no normal")
-        aside = np.eye(3)[np.abs(n).argmin()]
-        x = np.cross(n, aside) / np.linalg.norm(np.cross(n, aside))
-        turn = np.stack([x, np.cross(n / size, x), n / size], axis=1)
-        offset = -(d / size + 0.5 * THICK) * n / size
-        return {"shape": "box", "size": [2 * FLOOR, 2 * FLOOR, THICK], "offset": offset, "turn": turn}, None
-    if kind == "mesh":
-        n_vertices, n_faces = words.count(1_000_000), words.count(1_000_000)
-        vertices = words.numbers(3 * n_vertices).reshape(-1, 3)
-        faces = words.numbers(3 * n_faces).reshape(-1, 3).astype(np.int64)
-        if not n_faces or faces.min() < 0 or faces.max() >= n_vertices:
-            raise words.error(f"the mesh of {n_vertices} vertices has triangles of others, or none")
-        return {"shape": "mesh"}, (vertices, faces)
-    raise words.error(
-        f"no obstacle has the shape {shortened(kind)!r}", "write it as a box, a cylinder, a sphere or a mesh"
+    Raises
+    ------
+    SceneError
+        If no obstacle has the shape; it names its place in the file.
+    """
+    pose = pose @ shape.pose
+    if shape.kind == "plane":
+        pose, shape = _slab(name, shape, pose)
+    if shape.mesh is not None and (fault := fault_of_mesh(*map(len, shape.mesh))) is not None:
+        raise SceneError(fault[0], key=shape.where, way_out=f"{fault[1]}, or {leaving_out(name)}")
+    keys = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "height"), "mesh": ()}.get(
+        shape.kind
     )
+    if keys is None:
+        told = f"no obstacle has the shape {shortened(shape.kind)!r}"
+        way_out = f"write it as a box, a cylinder, a sphere or a mesh, or {leaving_out(name)}"
+        if shape.kind == "octomap":
+            told, way_out = (
+                "its octomap is not read",
+                leaving_out(OCTOMAP) + ", and add what is in it as boxes",
+            )
+        raise SceneError(told, key=shape.where, way_out=way_out)
+    sizes = [shape.sizes.tolist()] if shape.kind == "box" else shape.sizes.tolist()
+    entry = {"shape": shape.kind, **dict(zip(keys, sizes, strict=False)), "center": pose[:3, 3]}
+    if shape.kind != "sphere":
+        entry["quaternion_wxyz"] = quaternion_of_rotation(pose[:3, :3]).tolist()
+    return entry
+
+
+def _slab(name: str, shape: Shape, pose: Array) -> tuple[Array, Shape]:
+    """Return a plane as a box and its pose. It is solid below its points, n x + d = 0."""
+    n, d = shape.sizes[:3], float(shape.sizes[3])
+    size = float(np.linalg.norm(n))
+    if not size > 0.0:
+        raise SceneError(
+            "the plane has no normal", key=shape.where, way_out=f"correct it, or {leaving_out(name)}"
+        )
+    n = n / size
+    x = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+    x /= np.linalg.norm(x)
+    own = np.eye(4)
+    own[:3, :3] = np.stack([x, np.cross(n, x), n], axis=1)
+    own[:3, 3] = -(d / size + 0.5 * THICK) * n
+    return pose @ own, shape._replace(kind="box", sizes=np.array([2 * FLOOR, 2 * FLOOR, THICK]))
+
+
+def homogeneous(position: Array, quaternion_xyzw: Array) -> Array | None:
+    """Return a pose, shape (4, 4). It is None for a quaternion far from the norm 1."""
+    norm = float(np.linalg.norm(quaternion_xyzw))
+    if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = matrices(np.roll(quaternion_xyzw, 1) / norm), position
+    return pose
+
+
+def fault_of_mesh(n_vertices: int, n_faces: int) -> tuple[str, str] | None:
+    """Return why a mesh is too large, with advice, or None."""
+    if n_faces <= MAX_FACES and n_vertices <= 3 * MAX_FACES:
+        return None
+    told = f"the mesh has {n_faces} triangles and {n_vertices} vertices"
+    return told, f"decimate it to {MAX_FACES} triangles or fewer"
+
+
+def fault_of_triangles(n_vertices: int, faces: Integers) -> str | None:
+    """Return why the triangles of a mesh are none, or None."""
+    if len(faces) and faces.min() >= 0 and faces.max() < n_vertices:
+        return None
+    return f"the mesh of {n_vertices} vertices has triangles of others, or none"

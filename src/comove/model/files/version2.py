@@ -428,7 +428,8 @@ def converted(
         (path[-1] if isinstance(path[-1], str) else path[-2], path, grasp) for path, grasp in _grasps(scene)
     )
     grasps = tuple((str(name), grasp.position, path) for name, path, grasp in written)
-    words = Words(2, lines, tuple(hands), tuple(origin), grasps)
+    imported = frozenset(i for i, one in enumerate(scene.obstacles) if isinstance(one, ImportedObstacles))
+    words = Words(2, lines, tuple(hands), tuple(origin), imported, grasps)
     contents: dict[str, Any] = {key: getattr(scene, key) for key in SceneKeys.model_fields}
     contents |= {"obstacles": obstacles, "manipulators": []}
     others = [{"name": name, "start": e.start, "goal": e.goal} for name, e in scene.end_effectors.items()]

@@ -18,6 +18,7 @@ class Words(NamedTuple):
     lines : lines of its keys, by their paths; None where the file has other keys
     hands : paths in the file of the end effectors
     obstacles : numbers in the file of the obstacles
+    imported : those of them that are files of several
     grasps : names of arms, points of the payload [m], and paths of the grasps in the file
     """
 
@@ -25,6 +26,7 @@ class Words(NamedTuple):
     lines: Mapping[KeyPath, int] | None = None
     hands: tuple[KeyPath, ...] = ()
     obstacles: tuple[int, ...] = ()
+    imported: frozenset[int] = frozenset()
     grasps: tuple[tuple[str, tuple[float, ...], KeyPath], ...] = ()
 
     def path(self, path: KeyPath) -> KeyPath:
@@ -59,6 +61,12 @@ class Words(NamedTuple):
             for one in key.split(", ")
         ]
         return ", ".join(dict.fromkeys(place(path, self.lines or {}) or "" for path in paths))
+
+    def support(self, obstacle: int, name: str) -> str:
+        """Return what makes an obstacle, called `name`, a support."""
+        key = self.key(f"obstacles[{obstacle}]")
+        is_imported = self.version != 1 and self.obstacles[obstacle] in self.imported
+        return f"supports: [{name}] in {key}" if is_imported else f"support: true in {key}"
 
     def grasp(self, name: str, point: tuple[float, ...] | None) -> str:
         """Return the key of an arm's grasp at a point [m]; None for its only grasp."""

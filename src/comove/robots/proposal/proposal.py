@@ -6,7 +6,7 @@ import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from comove.arrays import Array
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.io.keys import MAX_NAME
 from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
@@ -113,6 +114,8 @@ class _Part:
     tree: Tree
     chains: tuple[Chain, ...]
     notes: tuple[str, ...]
+    names: Mapping[tuple[str, ...], str] = field(default_factory=dict)
+    """Names of arms by their joints, where a group of the SRDF has just those."""
 
     @property
     def prefix(self) -> str:
@@ -127,6 +130,8 @@ def propose(
     apart: float = 0.8,
     around: Scene | None = None,
     gripper: str | None = None,
+    srdf: str | None = None,
+    home_state: str | None = None,
     seed: int = 0,
 ) -> Proposal:
     """Propose the description of a robot that one or several URDFs form.
@@ -139,6 +144,8 @@ def propose(
     apart : distance between the bases [m]
     around : scene of obstacles around the robot, from which homes keep away
     gripper : URDF of a gripper for every arm without fingers, as `urdfs` are named
+    srdf : SRDF of the URDFs, in place of one beside them; its groups name the arms
+    home_state : group state of the SRDF that is home, in place of a home that is searched
     seed : seed of the random configurations, from which home and pairs that always touch are found
 
     Raises
@@ -146,7 +153,7 @@ def propose(
     RobotError
         If a URDF is missing or unsound, or there is no arm in it.
     """
-    parts = tuple(_part(urdf, i, len(urdfs), file, apart) for i, urdf in enumerate(urdfs))
+    parts = tuple(_part(urdf, i, len(urdfs), file, apart, srdf) for i, urdf in enumerate(urdfs))
     data, notes = _arms_of(parts)
     if not data["arms"]:
         raise RobotError(
@@ -166,7 +173,9 @@ def propose(
     for name, links in touching.items():
         data["arms"][name]["gripper"]["touch_links"] = links
         notes.append(f"{', '.join(links)} may touch the gripper of '{name}', as `touch_links` says")
-    srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
+    texts = {
+        part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]
+    }
     pairs = [
         ((part.prefix + a, part.prefix + b), reason)
         for part in parts
@@ -174,10 +183,14 @@ def propose(
     ]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes, more = homes_of(robot, seed, around)
-    for arm, home in zip(robot.arms, homes, strict=True):
-        data["arms"][arm.name]["home"] = home.tolist()
-    notes += more
+    if home_state is not None:
+        for arm in data["arms"].values():
+            arm["home_state"] = home_state
+    else:
+        homes, more = homes_of(robot, seed, around)
+        for arm, home in zip(robot.arms, homes, strict=True):
+            data["arms"][arm.name]["home"] = home.tolist()
+        notes += more
     weak = overloaded(_robot(data, file))
     if weak:
         data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, SETTINGS.springs)
@@ -185,7 +198,7 @@ def propose(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
             f"springs hold {SETTINGS.springs:.0%} of it, of which a URDF does not know"
         )
-    return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
+    return Proposal(data, _without(_robot(data, file), pairs), texts, tuple(notes))
 
 
 def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
@@ -198,7 +211,9 @@ def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
     for part in parts:
         prefix, joints = part.prefix, {joint.name: joint for joint in part.tree.joints}
         for chain in part.chains:
-            name = _arm_name(chain, prefix, data["arms"])
+            name = part.names.get(chain.joints, "")
+            if not name or name in data["arms"]:
+                name = _arm_name(chain, prefix, data["arms"])
             data["arms"][name] = {"tip": prefix + chain.tip}
             if chain.fingers:
                 fingers = [prefix + finger for finger in chain.fingers]
@@ -290,11 +305,15 @@ def _begins(name: str, stem: str) -> bool:
     return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
-def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
+def _part(urdf: str, i: int, n: int, file: Path, apart: float, srdf: str | None = None) -> _Part:
     """Read one URDF and find its arms."""
     path, entry, top, tree = _read(urdf, file)
     notes: list[str] = []
-    if "srdf" in entry:
+    groups: dict[str, frozenset[str]] = {}
+    if srdf is not None:
+        entry["srdf"] = srdf if "://" in srdf else os.path.relpath(srdf, file.absolute().parent)
+        groups = tree.groups(elements_in(resolve(entry["srdf"], file), SRDF))
+    elif "srdf" in entry:
         notes.append(
             f"pairs that need not be kept apart are those of {Path(entry['srdf']).name}, which lay beside the URDF"
         )
@@ -321,7 +340,17 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
         notes.append(
             "angles such as 1.5708 are taken for right angles: five joints cannot make up for the rest"
         )
-    return _Part(entry, tree, arms, tuple(notes))
+    names = {
+        arm.joints: re.sub(r"[^\w-]+", "_", prefix + name)[:MAX_NAME]
+        for name, joints in reversed(groups.items())
+        for arm in arms
+        if joints == set(arm.joints)
+    }
+    unnamed = [", ".join(arm.joints) for arm in arms if groups and arm.joints not in names]
+    notes += [
+        f"no group of the SRDF has just the joints {one}, so the arm has a name of its own" for one in unnamed
+    ]
+    return _Part(entry, tree, arms, tuple(notes), names)
 
 
 def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:

@@ -223,6 +223,34 @@ class Tree:
         )
         return cls(top.get("name", "robot"), roots[0], joints, bodiless)
 
+    def groups(self, srdf: ET.Element) -> dict[str, frozenset[str]]:
+        """Return the moving joints of an SRDF's groups, by name.
+
+        A group may name joints, links, chains and other groups.
+        """
+        elements = {group.get("name", ""): group for group in srdf.findall("group")}
+        above = {joint.child: joint for joint in self.joints}
+        moving = {joint.name for joint in self.joints if joint.moves}
+
+        def named(name: str, within: tuple[str, ...]) -> set[str]:
+            found, group = set[str](), elements.get(name)
+            if group is None or name in within:
+                return found
+            found |= {joint.get("name", "") for joint in group.findall("joint")}
+            found |= {
+                above[at].name for link in group.findall("link") if (at := link.get("name", "")) in above
+            }
+            for chain in group.findall("chain"):
+                at = chain.get("tip_link", "")
+                while at != chain.get("base_link") and at in above:
+                    found.add(above[at].name)
+                    at = above[at].parent
+            for inner in group.findall("group"):
+                found |= named(inner.get("name", ""), (*within, name))
+            return found
+
+        return {name: frozenset(named(name, ()) & moving) for name in elements}
+
     @cached_property
     def _below(self) -> dict[str, list[Joint]]:
         below: dict[str, list[Joint]] = {}

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,7 @@ def read(
     path = Path(path)
     name, _, body = (topic or "").partition(":")
     tracks: dict[str, Track] = {}
-    with _opened(path) as bag:
+    with opened(path) as bag:
         for one, kind in _chosen(path, bag, name or None).items():
             found = _read_topic(path, bag, one, kind, body, rate)
             tracks |= {f"{one}:{part}" if part else one: track for part, track in found.items()}
@@ -113,7 +114,7 @@ def topics(path: str | os.PathLike[str]) -> dict[str, str]:
         If the bag cannot be read, or has no such topic.
     """
     path = Path(path)
-    with _opened(path) as bag:
+    with opened(path) as bag:
         return _chosen(path, bag)
 
 
@@ -185,16 +186,25 @@ FORMAT = Format(
 
 
 @dataclass(frozen=True)
-class _Bag:
-    """An open bag: the library's reader and its message decoder."""
+class Bag:
+    """An open bag: the library's reader, its message decoder, and the definitions that this one uses.
+
+    A bag of JSON messages has no definitions.
+    """
 
     reader: Any
     decode: Callable[[bytes, str], Any]
+    store: Any = None
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[_Bag]:
-    """Open a bag; convert its faults to a `DemonstrationError`."""
+def opened(path: Path, definitions: Mapping[str, str] = MappingProxyType({})) -> Iterator[Bag]:
+    """Open a bag; convert its faults to a `DemonstrationError`.
+
+    Parameters
+    ----------
+    definitions : texts of further types of ROS 2, by name
+    """
     with telling(path):
         is_folder = path.is_dir()
     if is_folder:
@@ -218,17 +228,19 @@ def _opened(path: Path) -> Iterator[_Bag]:
                 is_json = check_mcap(file)
         if is_json and not is_folder:
             json_messages = JsonReader(path)
-            yield _Bag(json_messages, json_messages.decode)
+            yield Bag(json_messages, json_messages.decode)
         elif path.suffix.lower() == ".bag" and not is_folder:
             store = get_typestore(Stores.ROS1_NOETIC)
             for kind in TRANSFORMS:
                 store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
             with rosbag1.Reader(path) as reader:
-                yield _Bag(reader, store.deserialize_ros1)
+                yield Bag(reader, store.deserialize_ros1, store)
         else:
-            decode = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+            store = get_typestore(Stores.ROS2_HUMBLE)
+            for kind, text in definitions.items():
+                store.register(get_types_from_msg(text, kind))
             with rosbag2.Reader(path) as reader:
-                yield _Bag(reader, decode)
+                yield Bag(reader, store.deserialize_cdr, store)
 
 
 @contextlib.contextmanager
@@ -263,7 +275,7 @@ def _check_sqlite_size(file: Path) -> None:
         raise fault(file, None, f"it has {size} bytes and its header says {page_size * pages}", _RECORD)
 
 
-def _kinds(bag: _Bag) -> dict[str, tuple[str, int]]:
+def _kinds(bag: Bag) -> dict[str, tuple[str, int]]:
     """Return each topic's type and number of messages."""
     found: dict[str, tuple[str, int]] = {}
     for one in sorted(bag.reader.connections, key=lambda one: one.topic):
@@ -271,7 +283,7 @@ def _kinds(bag: _Bag) -> dict[str, tuple[str, int]]:
     return found
 
 
-def _chosen(path: Path, bag: _Bag, topic: str | None = None) -> dict[str, str]:
+def _chosen(path: Path, bag: Bag, topic: str | None = None) -> dict[str, str]:
     """Return the type of a topic, or of all with movements. Transforms count only without others."""
     kinds = _kinds(bag)
     usable = {name: kind for name, (kind, _) in kinds.items() if kind in KINDS}
@@ -299,7 +311,7 @@ def _in_words(kinds: Mapping[str, str]) -> str:
 
 
 def _read_topic(
-    path: Path, bag: _Bag, topic: str, kind: str, body: str, rate: float | None
+    path: Path, bag: Bag, topic: str, kind: str, body: str, rate: float | None
 ) -> dict[str, Track]:
     """Read all messages of a topic, with its constant transforms."""
     static = _messages(path, bag, topic + STATIC, kind) if kind in TRANSFORMS else iter(())
@@ -308,7 +320,7 @@ def _read_topic(
     )
 
 
-def _messages(path: Path, bag: _Bag, topic: str, kind: str) -> Messages:
+def _messages(path: Path, bag: Bag, topic: str, kind: str) -> Messages:
     """Decode the messages of a topic, one at a time."""
     connections = [c for c in bag.reader.connections if c.topic == topic and c.msgtype == kind]
     n_messages, n_found = sum(connection.msgcount for connection in connections), 0
