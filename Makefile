@@ -9,7 +9,7 @@ ros2_wheels = $(1)-rclpy $(1)-rmw-fastrtps-cpp $(1)-trajectory-msgs $(1)-sensor-
 WORKERS = $(shell $(BIN)/python -c 'from comove.processes import n_processors; print(min(n_processors() + 1, 8))')
 PARALLEL = --numprocesses $(WORKERS) --dist loadfile  # one more than cores: tests wait for the commands that they start
 
-.PHONY: dist docs paper demo reproduce ablation test test-all ros2 test-release lint bench clean
+.PHONY: dist docs paper demo reproduce ablation test test-all ros2 ros2-wheels test-release lint bench clean
 
 demo: $(VENV)/core.stamp  ## solve the examples into demo/, with the scenes and recordings of the pages, and say where the pictures are
 	$(BIN)/comove demo --out demo
@@ -29,8 +29,10 @@ test: $(VENV)/dev.stamp  ## all tests but the slow ones, with a sixth of the ran
 test-all: $(VENV)/dev.stamp  ## the slow tests as well, with all random examples
 	$(BIN)/python -m pytest $(PARALLEL) -m "not release" --hypothesis-profile=thorough
 
-ros2: $(VENV)/dev.stamp $(ROS2)/jazzy.stamp $(ROS2)/kilted.stamp  ## motions sent over ROS 2, of two distributions, to robots on loopback
-	$(BIN)/python -m pytest $(PARALLEL) tests/ros -m "not release"
+ros2: $(VENV)/dev.stamp ros2-wheels  ## motions sent over ROS 2, of two distributions, to robots on loopback
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile -m "not release" tests/ros
+
+ros2-wheels: $(ROS2)/jazzy.stamp $(ROS2)/kilted.stamp
 
 test-release: $(VENV)/dev.stamp  ## packages in empty environments, a stranger's first day, small reproductions; an hour
 	$(BIN)/python -m pytest $(PARALLEL) -m release

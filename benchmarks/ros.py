@@ -196,24 +196,16 @@ def comove_killed(this: Run) -> None:
 
 
 def killed_before(this: Run) -> None:
-    """Kill a client and its bridges, uncleanly; the next one must get its motion to the end."""
-    with sending(this) as command:
-        children = Path(f"/proc/{command.pid}/task/{command.pid}/children").read_text().split
-        until = time.monotonic() + 30.0
-        while len(children()) < 2 and time.monotonic() < until:
-            time.sleep(0.01)
-        time.sleep(this.rng.uniform(0.3, 1.5))
-        for child in children():
-            with suppress(ProcessLookupError):
-                os.kill(int(child), signal.SIGKILL)
-        command.kill()
-    this.failed = time.monotonic()
+    """Kill a connected client with its bridges, uncleanly; the next one must get its motion to the end."""
+    names = this.motion.robot.joint_names
+    arms = {arm.name: tuple(names[c] for c in arm.columns) for arm in this.motion.robot.arms}
+    with this.ros.client() as client:
+        client.connect(arms, TOLERANCES.connect)
+        client._bridge.kill()
+        client._guard.kill()
     with this.ros.client() as client:
         this.send(client)
-    if not this.reason:
-        this.reason = "sent to its end"
-    elif "another client" not in this.reason:  # the first had begun, and nobody was left to stop it
-        this.moved_on += 1
+    this.reason = this.reason or "sent to its end"
 
 
 @contextmanager

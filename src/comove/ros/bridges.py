@@ -96,6 +96,11 @@ class Bridge:
             while True:
                 yield self._events.get_nowait()
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended."""
+        return self._process.poll() is not None
+
     def kill(self) -> None:
         """End the process at once."""
         self._process.kill()

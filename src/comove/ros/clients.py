@@ -140,7 +140,7 @@ class RosClient:
         self._bridge: Bridge | None = None
         self._guard: Bridge | None = None
         self._actions = dict[str, list[str]]()
-        self._state, self._heard = RobotState(), dict[str, float]()
+        self._state, self._heard, self._ages = RobotState(), dict[str, float](), dict[str, float]()
 
     @property
     def has_grippers(self) -> bool:
@@ -180,7 +180,7 @@ class RosClient:
         """Start two bridges and connect them; return the first bad answer, or the first one's."""
         names, joints = self._names.or_usual(ros), [name for names in arms.values() for name in names]
         self._actions, self._heard = names.actions(tuple(arms)), dict.fromkeys(joints, -float("inf"))
-        self._state = RobotState(arms={arm: ArmState() for arm in arms})
+        self._state, self._ages = RobotState(arms={arm: ArmState() for arm in arms}), {}
         command = {
             "do": "connect",
             "servers": list(self._actions),
@@ -248,7 +248,7 @@ class RosClient:
 
     def cancel(self) -> None:
         """Stop all arms."""
-        if self._bridge is not None and self._has_cancelled(self._bridge):
+        if self._bridge is not None and not self._bridge.has_ended and self._has_cancelled(self._bridge):
             return
         if self._bridge is not None:
             self._bridge.kill()
@@ -296,10 +296,18 @@ class RosClient:
         """Note an event in the state."""
         state, kind = self._state, event["event"]
         if kind == "joints":
-            now = time.monotonic()
-            self._heard |= dict.fromkeys(event["position"], now)
-            position = {**state.position, **event["position"]}
-            self._state = replace(state, position=position, time=event["time"], age=event["age"])
+            told = event["position"]
+            self._heard |= dict.fromkeys(told, time.monotonic())
+            self._ages |= dict.fromkeys(told, event["age"])
+            since = event["time"]
+            times = state.times if since is None else {**state.times, **dict.fromkeys(told, float(since))}
+            self._state = replace(
+                state,
+                position={**state.position, **told},
+                time=event["time"],
+                times=times,
+                age=max(self._ages.values(), key=abs),
+            )
         elif kind == "goal":
             arm = ArmState(Status[event["status"]], event["text"], event["time"])
             arms = dict.fromkeys(self._actions[event["server"]], arm)

@@ -66,7 +66,8 @@ class RobotState:
     arms : states of the arms, by name
     position : positions of the joints, by name [rad]
     time : time of the newest position since the common start [s]; None before there is one
-    age : age of that position when it arrived [s]; negative if the robot's clock is ahead
+    times : times of the joints' positions since the common start, by name; `time` for joints that are missing [s]
+    age : largest age of a joint's newest position when it arrived [s]; negative if the robot's clock is ahead
     silence : longest time since a joint was last reported [s]; infinite if one never was
     grippers : states of the grippers, by arm, as far as they were told to move
     busy : arms whose controllers have goals of other clients
@@ -76,6 +77,7 @@ class RobotState:
     arms: Mapping[str, ArmState] = field(default_factory=dict)
     position: Mapping[str, float] = field(default_factory=dict)
     time: float | None = None
+    times: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
     silence: float = np.inf
     grippers: Mapping[str, ArmState] = field(default_factory=dict)
@@ -382,7 +384,8 @@ def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:
         return 0.0, names[0]
-    wanted = joints.curve(np.clip(state.time, 0.0, joints.duration))
+    times = np.array([state.times.get(name, state.time) for name in names])
+    wanted = np.diagonal(joints.curve(np.clip(times, 0.0, joints.duration)))
     off = np.abs([state.position[name] for name in names] - wanted)
     worst = first_largest(np.nan_to_num(off, nan=np.inf))
     return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]
