@@ -234,7 +234,7 @@ class Uncertainty(Part):
 
 
 class RosGripper(Sparse):
-    """The controllers of the grippers in ROS 2, for ``{arm}`` the arm's name."""
+    """Controllers of the grippers in ROS 2. ``{arm}`` stands for the arm's name."""
 
     LATER = ("effort", "joint")
 
@@ -256,7 +256,7 @@ class RosGripper(Sparse):
 
 
 class RosNames(Sparse):
-    """Names in ROS: of the action of each ``{arm}`` or of all arms, and of the joint states."""
+    """Names in ROS, with ``{arm}`` for the name of each arm."""
 
     LATER = ("action", "joint_states", "gripper")
 

@@ -90,7 +90,7 @@ class Bridge:
                 stream.flush()
 
     def news(self, wait: float) -> Iterator[Event]:
-        """Yield the events that are there, after waiting for the first at most `wait` [s]."""
+        """Yield the events that are there. The first is awaited for `wait` [s]."""
         with suppress(queue.Empty):
             yield self._events.get(timeout=max(wait, 0.0))
             while True:
@@ -132,7 +132,9 @@ def _listen(stream: IO[str], events: queue.Queue[Event]) -> None:
 
 
 def awaited(bridge: Bridge, kinds: tuple[str, ...], timeout: float, others: list[Event]) -> Event | None:
-    """Return the first event of some kinds or the end; None if none comes within `timeout` [s].
+    """Return the first event of some kinds, or the end.
+
+    It is None if none comes within `timeout` [s].
 
     Parameters
     ----------

@@ -1,5 +1,8 @@
-"""Clients for robots in ROS 1 and ROS 2, with FollowJointTrajectory servers of their arms. All arms stop when this
-process ends, when the bridge to ROS does, and when both do: a second bridge waits for that, connected beforehand."""
+"""Clients for robots in ROS 1 and ROS 2, with FollowJointTrajectory servers.
+
+All arms stop when this process ends, when the bridge to ROS does, and when both do: a second bridge waits for that,
+connected beforehand.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,7 @@ class Names:
         return cls(action or own.action, joint_states or own.joint_states, own.gripper)
 
     def or_usual(self, ros: Middleware) -> Names:
-        """Return these names, and the usual ones of a version of ROS where there are none."""
+        """Return these names, and usual ones where there are none."""
         usual = ros.names
         return Names(self.action or usual.action, self.joint_states or usual.joint_states, self.gripper)
 
@@ -332,7 +335,7 @@ class RosClient:
 
 @dataclass(frozen=True)
 class ConnectedRobot:
-    """A robot in ROS, as a context in which motions are sent to it.
+    """A robot in ROS, to which motions are sent; a context.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ class JointSamples:
 
     @classmethod
     def joined(cls, samples: Sequence[JointSamples]) -> JointSamples:
-        """Return samples of the same instants as those of one motion of all their joints."""
+        """Return samples of the same instants as those of one motion."""
         names = tuple(name for part in samples for name in part.joint_names)
         rates = (
             np.concatenate([getattr(part, kind) for part in samples], axis=1)
@@ -92,7 +92,7 @@ class JointSamples:
 
 
 class Grip(NamedTuple):
-    """A motion of all grippers: the time in the motion at which it begins [s], negative if before it."""
+    """A motion of all grippers. It begins at a time in the motion [s], negative if before it."""
 
     time: float
     closed: bool

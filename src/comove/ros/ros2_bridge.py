@@ -113,7 +113,7 @@ class Server:
         self.heard = time.monotonic()
 
     def on_status(self, message):
-        """Tell when another client has a goal, and when it has none any more."""
+        """Tell whether another client has a goal, when that changes."""
         numbers = [bytes(s.goal_info.goal_id.uuid).hex() for s in message.status_list if s.status in ACTIVE]
         busy = any(number not in self.bridge.numbers for number in numbers)
         if busy != self.busy:
@@ -233,7 +233,7 @@ class Bridge:
         self.thread.start()
 
     def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
-        """Wait for all servers and for a way back from each of them, and listen to the joints."""
+        """Wait for an answer of each server, and listen to the joints."""
         require_names([*servers, joint_states, *(gripper["action"] for gripper in grippers.values())])
         until = time.monotonic() + timeout
         self.open(sim_time)
@@ -268,7 +268,7 @@ class Bridge:
         )
 
     def look(self, joint_states, timeout):
-        """Tell which servers there are, how soon they answer, and what the joints say."""
+        """Tell which servers there are, and how soon they answer."""
         import rclpy
         from rclpy.action import get_action_names_and_types
 
@@ -378,7 +378,7 @@ class Bridge:
         self.numbers.update(ids.values())
 
     def cancel(self):
-        """Cancel these goals by their numbers, also such as were not answered yet."""
+        """Cancel these goals by their numbers, answered or not."""
         sent = [server for server in self.servers.values() if server.goal is not None]
         answers = self.on_thread(lambda: [server.cancel(server.goal) for server in sent])
         self.tell("cancelled")
@@ -392,7 +392,7 @@ class Bridge:
         return (now - self.start.nanoseconds) * 1e-9
 
     def joints_callback(self):
-        """Return the callback for joint states; it knows their senders where rclpy tells them."""
+        """Return the callback for joint states. It knows their senders where rclpy tells them."""
         from rclpy.subscription import Subscription
 
         if hasattr(Subscription, "CallbackType"):
