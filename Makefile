@@ -4,10 +4,12 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 VENV := .venv
 BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE  # or each of the hundreds of commands that tests start compiles comove anew
+ROS2 := .venv-ros2
+ros2_wheels = $(1)-rclpy $(1)-rmw-fastrtps-cpp $(1)-trajectory-msgs $(1)-sensor-msgs
 WORKERS = $(shell $(BIN)/python -c 'from comove.processes import n_processors; print(min(n_processors() + 1, 8))')
 PARALLEL = --numprocesses $(WORKERS) --dist loadfile  # one more than cores: tests wait for the commands that they start
 
-.PHONY: dist docs paper demo reproduce ablation test test-all test-release lint bench clean
+.PHONY: dist docs paper demo reproduce ablation test test-all ros2 ros2-wheels test-release lint bench clean
 
 demo: $(VENV)/core.stamp  ## solve the examples into demo/, with the scenes and recordings of the pages, and say where the pictures are
 	$(BIN)/comove demo --out demo
@@ -26,6 +28,11 @@ test: $(VENV)/dev.stamp  ## all tests but the slow ones, with a sixth of the ran
 
 test-all: $(VENV)/dev.stamp  ## the slow tests as well, with all random examples
 	$(BIN)/python -m pytest $(PARALLEL) -m "not release" --hypothesis-profile=thorough
+
+ros2: $(VENV)/dev.stamp ros2-wheels  ## motions sent over ROS 2, of two distributions, to robots on loopback
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile -m "not release" tests/ros
+
+ros2-wheels: $(ROS2)/jazzy.stamp $(ROS2)/kilted.stamp
 
 test-release: $(VENV)/dev.stamp  ## packages in empty environments, a stranger's first day, small reproductions; an hour
 	$(BIN)/python -m pytest $(PARALLEL) -m release
@@ -56,7 +63,7 @@ bench: $(VENV)/dev.stamp  ## the figures that the documentation states
 	$(BIN)/python benchmarks/suite.py
 
 clean:
-	rm -rf $(VENV) demo reproduced ablated build docs/_build docs/gallery *.egg-info src/*.egg-info
+	rm -rf $(VENV) $(ROS2) demo reproduced ablated build docs/_build docs/gallery *.egg-info src/*.egg-info
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "comove needs Python 3.11, 3.12 or 3.13: apt-get install python3.11 python3.11-venv"; exit 1; }
@@ -74,6 +81,12 @@ $(VENV)/docs.stamp: pyproject.toml $(VENV)/core.stamp
 
 $(VENV)/paper.stamp: pyproject.toml $(VENV)/core.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[paper]'
+	@touch $@
+
+$(ROS2)/%.stamp: tests/ros/ros2_types.py | $(VENV)/bin/python  # wheels, and types by a C++ compiler; a robot has its own
+	$(PYTHON) -m venv $(ROS2)/$*
+	$(ROS2)/$*/bin/python -m pip install --quiet --disable-pip-version-check $(call ros2_wheels,$(if $(filter kilted,$*),ros,ros-$*))
+	$(ROS2)/$*/bin/python tests/ros/ros2_types.py > $(ROS2)/$*.log
 	@touch $@
 
 $(VENV)/dev.stamp: pyproject.toml $(VENV)/core.stamp

@@ -1,7 +1,8 @@
 """An arm's action server in ROS 1, simulated; run by a Python that has rospy. Not a line of it is comove's.
 
-Usage: ros1_server.py '{"arm": "left", "position": {JOINT: rad}, "fault": null | "stuck" | "refuse" | "endless",
-"states": true}'. Prints one JSON object a line: what happened and when, by the system's monotonic clock.
+Usage: ros1_server.py '{"arm": "left", "position": {JOINT: rad}, "action": NAME, "fault": null | "stuck" | "abort" |
+"slow" | "refuse" | "endless" | "skewed" | "silent", "states": true, "gripper": null}'. Prints one JSON object a line:
+what happened and when, by the system's monotonic clock.
 """
 
 import json
@@ -16,9 +17,12 @@ from genpy.dynamic import generate_dynamic
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-PATH_TOLERANCE = 0.35  # rad
 RATE = 100.0  # Hz
 STUCK_AT = 0.3  # s after the start
+SILENT_AT = 0.6  # s after the start, when a silent arm tells its joints no more
+SLOW = 0.6  # of the speed, of a slow arm
+SKEW = 3.0  # s, that the clock of a skewed robot is late
+LOCK = threading.Lock()
 LINE = "\n" + 80 * "=" + "\n"
 CONTROL = {
     "FollowJointTrajectoryAction": "FollowJointTrajectoryActionGoal action_goal\n"
@@ -55,13 +59,12 @@ def action_types():
 class Arm:
     """Joints that go where the goal says, unless they have a fault."""
 
-    def __init__(self, arm, position, fault, states):
-        self.position, self.fault = dict(position), fault
+    def __init__(self, arm, position, action, fault, states, gripper):
+        self.position, self.fault, self.silent = dict(position), fault, False
         self.types = action_types()
         self.goal, self.stop = None, threading.Event()
-        action = self.types["control_msgs/FollowJointTrajectoryAction"]
-        name = f"robot/limb/{arm}/follow_joint_trajectory"
-        self.server = actionlib.ActionServer(name, action, self.on_goal, self.on_cancel, auto_start=False)
+        kind = self.types["control_msgs/FollowJointTrajectoryAction"]
+        self.server = actionlib.ActionServer(action, kind, self.on_goal, self.on_cancel, auto_start=False)
         self.states = rospy.Publisher("/robot/joint_states", JointState, queue_size=10, tcp_nodelay=True)
         self.server.start()
         if states:
@@ -70,13 +73,15 @@ class Arm:
 
     @staticmethod
     def log(event, **content):
-        print(json.dumps(dict(content, event=event, at=time.monotonic())), flush=True)
+        with LOCK:
+            print(json.dumps(dict(content, event=event, at=time.monotonic())), flush=True)
 
     def tell_states(self):
         rate = rospy.Rate(RATE)
-        while not rospy.is_shutdown():
+        while not rospy.is_shutdown() and not self.silent:
             message = JointState(name=list(self.position), position=list(self.position.values()))
-            message.header.stamp = rospy.Time.now()
+            late = SKEW if self.fault == "skewed" else 0.0
+            message.header.stamp = rospy.Time.now() - rospy.Duration(late)
             self.states.publish(message)
             rate.sleep()
 
@@ -100,24 +105,24 @@ class Arm:
         rate, row = rospy.Rate(RATE), 0
         while not rospy.is_shutdown():
             now = (rospy.Time.now() - trajectory.header.stamp).to_sec()
+            now *= SLOW if self.fault == "slow" else 1.0
+            self.silent = self.fault == "silent" and now > SILENT_AT
             if self.stop.is_set():
                 goal.set_canceled(result)
                 self.log("stopped", time=now)
+                return
+            if self.fault == "abort" and now > STUCK_AT:
+                result.error_code = result.PATH_TOLERANCE_VIOLATED
+                goal.set_aborted(result, "")
+                self.log("aborted", time=now)
                 return
             while row + 2 < len(times) and times[row + 1] < now:
                 row += 1
             share = min(max((now - times[row]) / (times[row + 1] - times[row]), 0.0), 1.0)
             first, second = trajectory.points[row].positions, trajectory.points[row + 1].positions
             for i, name in enumerate(trajectory.joint_names):
-                wanted = first[i] + share * (second[i] - first[i])
-                if self.fault == "stuck" and now > STUCK_AT:
-                    if abs(wanted - self.position[name]) > PATH_TOLERANCE:
-                        result.error_code = result.PATH_TOLERANCE_VIOLATED
-                        goal.set_aborted(result, "")
-                        self.log("aborted", time=now)
-                        return
-                else:
-                    self.position[name] = wanted
+                if self.fault != "stuck" or now <= STUCK_AT:
+                    self.position[name] = first[i] + share * (second[i] - first[i])
             if now >= times[-1] and self.fault != "endless":
                 goal.set_succeeded(result)
                 self.log("done", time=now)

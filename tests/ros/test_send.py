@@ -25,6 +25,9 @@ class Fake:
     calls: list = field(default_factory=list)
     stubborn: bool = False
     joints: object = None
+    has_grippers: bool = False
+    grips: list = field(default_factory=list)  # (time since the common start [s], whether closed)
+    lasting: float = 0.3  # s, of a motion of the grippers
 
     def clock(self):
         return self.now
@@ -33,9 +36,14 @@ class Fake:
         self.arms = arms
         self.calls.append("connect")
 
-    def send(self, goals, delay):
+    def send(self, goals, delay, tolerances):
         self.goals, self.start = goals, self.now + delay
         self.calls.append("send")
+
+    def grip(self, closed):
+        self.grips.append((self.now - self.start, closed))
+        self.gripped = self.now
+        self.calls.append("grip")
 
     def cancel(self):
         self.calls.append(("cancel", round(self.now - self.start, 3)))
@@ -54,6 +62,10 @@ class Fake:
         at = joints.curve(np.clip(time, 0.0, joints.duration))
         position = dict(zip(joints.joint_names, at.tolist(), strict=True))
         state = RobotState(arms, position, time if self.goals else None, silence=0.0)
+        if self.grips:
+            done = self.now - self.gripped > self.lasting
+            moved = ArmState(Status.SUCCEEDED if done else Status.ACTIVE)
+            state = replace(state, grippers=dict.fromkeys(self.arms, moved))
         for begin, change in self.faults:
             if time >= begin:
                 state = change(state)
@@ -163,7 +175,19 @@ def test_an_arm_that_does_not_end_is_stopped(verified, stubborn):
             lambda state: replace(state, age=-2.5),
             r"stamps -2\.5 s old \(0\.1 s allowed\).*by the same time server",
         ),
-        (lambda state: replace(state, position={}), "joints have said nothing for 5 s; switch the robot on"),
+        (
+            lambda state: replace(state, busy=frozenset({"right"})),
+            "controller of the arm 'right' has a goal of another client; wait for its end",
+        ),
+        (
+            lambda state: replace(state, conflict=("left_s0", ("/a", "/b"))),
+            "the joint 'left_s0' is told by several nodes: /a, /b; end all but",
+        ),
+        (
+            lambda state: replace(state, position={n: np.degrees(q) for n, q in state.position.items()}),
+            "seems to tell degrees: have it tell its joints in rad",
+        ),
+        (lambda state: replace(state, position={}), "joints have said nothing for 10 s; switch the robot on"),
     ],
 )
 def test_a_robot_that_is_not_at_the_start_is_not_moved(verified, fault, message):
@@ -171,7 +195,52 @@ def test_a_robot_that_is_not_at_the_start_is_not_moved(verified, fault, message)
     with pytest.raises(SendError, match=message):
         send(fake, verified, clock=fake.clock)
     assert "send" not in fake.calls
-    assert fake.now < 6.0
+    assert fake.now < TOLERANCES.connect + 1.0
+
+
+def test_another_clients_goal_stops_all(verified):
+    fake = Fake(verified, [(2.0, lambda state: replace(state, busy=frozenset({"left"})))])
+    with pytest.raises(SendError, match="another client has sent the controller of the arm 'left' a goal"):
+        send(fake, verified, clock=fake.clock)
+    assert ("cancel", 2.0) in fake.calls or ("cancel", 2.01) in fake.calls
+
+
+def test_grippers_open_before_the_approach_and_close_while_it_waits(verified, transfers):
+    fake = Fake(verified, joints=transfers.approach, has_grippers=True)
+    send(fake, verified, part="approach", transfers=transfers, clock=fake.clock)
+    (before, opened), (time, closed) = fake.grips
+    assert before == -np.inf and not opened and closed
+    assert fake.calls == ["connect", "grip", "send", "grip"]
+    stood = transfers.approach.duration - transfers.grip_time
+    assert stood <= time <= stood + 2 * STEP
+
+
+def test_grippers_open_at_the_beginning_of_the_release(verified, transfers):
+    fake = Fake(verified, joints=transfers.release, has_grippers=True)
+    send(fake, verified, part="release", transfers=transfers, clock=fake.clock)
+    ((time, closed),) = fake.grips
+    assert 0.0 <= time <= 2 * STEP and not closed
+
+
+def test_arms_do_not_leave_what_a_gripper_still_holds(verified, transfers):
+    fake = Fake(verified, joints=transfers.release, has_grippers=True, lasting=1e9)
+    with pytest.raises(SendError, match="the gripper of 'left' was not open when its arm was to leave"):
+        send(fake, verified, part="release", transfers=transfers, clock=fake.clock)
+    cancelled = min(call[1] for call in fake.calls if call[0] == "cancel")
+    assert transfers.grip_time <= cancelled <= transfers.grip_time + 2 * STEP
+
+
+def test_grippers_hold_in_the_carry(verified):
+    fake = Fake(verified, has_grippers=True)
+    send(fake, verified, clock=fake.clock)
+    assert not fake.grips
+
+
+def test_grippers_that_do_not_open_keep_the_arms_where_they_are(verified, transfers):
+    fake = Fake(verified, joints=transfers.approach, has_grippers=True, lasting=1e9)
+    with pytest.raises(SendError, match="the grippers were not done after 10 s"):
+        send(fake, verified, part="approach", transfers=transfers, clock=fake.clock)
+    assert "send" not in fake.calls
 
 
 def test_a_small_difference_at_the_start_is_allowed(verified):

@@ -213,7 +213,19 @@ def options(
 
 
 VERBS = (
-    *("bench", "demo", "explain", "export", "generate", "learn", "library", "report", "reproduce", "robot"),
+    *(
+        "bench",
+        "demo",
+        "doctor",
+        "explain",
+        "export",
+        "generate",
+        "learn",
+        "library",
+        "report",
+        "reproduce",
+        "robot",
+    ),
     *("run", "scene", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
 )
 """Files of this folder that register verbs."""

@@ -25,22 +25,58 @@ def send(
     path_tolerance: Annotated[
         float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
     ] = 0.2,
-    timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
+    goal_tolerance: Annotated[
+        float,
+        typer.Option(
+            help="How far a joint may be from the goal at the end, for its controller [rad]; 0: its own."
+        ),
+    ] = 0.0,
+    timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 10.0,
     present: o.PresentFile = None,
+    ros: Annotated[
+        int | None,
+        typer.Option(metavar="1|2", help="Version of ROS; 2 where it is found, else 1, unless given."),
+    ] = None,
+    action: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="FollowJointTrajectory action of each {arm}, or one for all arms; as the robot's description says "
+            "unless given, else /{arm}_controller/follow_joint_trajectory, in ROS 1 Baxter's.",
+        ),
+    ] = None,
+    joint_states: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TOPIC",
+            help="Topic of the joint states; as the robot's description says unless given, else /joint_states, in "
+            "ROS 1 Baxter's.",
+        ),
+    ] = None,
+    sim_time: Annotated[
+        bool, typer.Option("--sim-time", help="Use the time of a simulator, on /clock.")
+    ] = False,
     *,
     trusted: o.Trusted,
 ) -> int:
-    """Verify the motion in DIR again and play it over ROS 1. All arms start in step."""
+    """Verify the motion in DIR again and play it over ROS. All arms start in step."""
     from comove.robots import plan_transfers
-    from comove.ros import IN_STEP, Ros1Client, SendError, Tolerances, send
+    from comove.ros import IN_STEP, Names, RosClient, SendError, Tolerances, send
+    from comove.ros.clients import MIDDLEWARES
 
     o.require_one_of(part, PARTS, "part")
+    if ros is not None and ros not in MIDDLEWARES:
+        raise OptionError(f"there is no ROS {ros}", key="--ros", way_out="give 1 or 2")
+    if not (goal_tolerance == 0 or 0 < goal_tolerance < float("inf")):
+        raise OptionError(
+            f"{goal_tolerance} is not possible", key="--goal-tolerance", way_out="give 0 or more"
+        )
     given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
     for option, value in given.items():
         if not 0 < value < float("inf"):
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
     o.require_approach(present, part == "approach")
-    tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
+    tolerances = Tolerances(start=start_tolerance, path=path_tolerance, end=goal_tolerance, connect=timeout)
     motion = trusted.verified(folder)
     if motion.scene.moving.any():
         say(f"warning: {IN_STEP}", file=sys.stderr)
@@ -53,7 +89,9 @@ def send(
             present=o.present_in(folder, motion, present),
         )
     try:
-        with Ros1Client() as client:
+        versions = (ros,) if ros is not None else tuple(MIDDLEWARES)
+        names = Names.of(motion.robot, action, joint_states)
+        with RosClient(versions, names, sim_time=sim_time) as client:
             outcome = send(client, motion, part=part, transfers=transfers, tolerances=tolerances)
     except SendError as error:
         if error.outcome is None:  # nothing has moved

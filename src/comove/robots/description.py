@@ -16,6 +16,10 @@ acceleration: 5.0              # rad/s^2, of joints for which neither `limits` n
 springs: {left_joint2: 0.4}    # share of the arm's own weight that springs hold at a joint
 servo: {stiffness: [2000, 2000, 2000, 2000, 1500, 1500, 400]}   # N m/rad, of a simulator's motors, by joint
 uncertainty: {position: 0.002, rotation_deg: 0.1}   # [m, deg] tolerance of the place of each base
+ros:                           # names of its controllers, for `comove send`
+  action: "/{arm}_controller/follow_joint_trajectory"   # without {arm}: one controller of all arms
+  joint_states: /joint_states
+  gripper: {action: "/{arm}_gripper/gripper_cmd", open: 0.04, closed: 0.0, effort: 20}
 ```
 
 `name`, `models` and `arms` are required. `tip` is a frame of the model; `tool` is the grasp frame in it, which is
@@ -229,10 +233,42 @@ class Uncertainty(Part):
     rotation_deg: NotNegative = 0.0
 
 
+class RosGripper(Sparse):
+    """Controllers of the grippers in ROS 2. ``{arm}`` stands for the arm's name."""
+
+    LATER = ("effort", "joint")
+
+    type: Literal["gripper_command", "parallel_gripper_command", "joint_trajectory"] = "gripper_command"
+    action: str
+    open: Number
+    closed: Number
+    """Values of an open and of a closed gripper [rad, m]."""
+    effort: Positive | None = None
+    """Largest force or torque while it closes [N, N m]."""
+    joint: str | None = None
+    """Joint that the two last types move."""
+
+    @model_validator(mode="after")
+    def _names_its_joint(self) -> RosGripper:
+        if self.joint is None and self.type != "gripper_command":
+            raise Wrong(f"a {self.type} names its joint", "write joint: NAME, with {arm} for the arm's name")
+        return self
+
+
+class RosNames(Sparse):
+    """Names in ROS, with ``{arm}`` for the name of each arm."""
+
+    LATER = ("action", "joint_states", "gripper")
+
+    action: str | None = None
+    joint_states: str | None = None
+    gripper: RosGripper | None = None
+
+
 class RobotFile(Sparse):
     """A robot description as written in its file."""
 
-    LATER = ("poses", "states")
+    LATER = ("poses", "states", "ros")
 
     name: Name
     models: Annotated[tuple[ModelSource, ...], BeforeValidator(as_tuple), at_least(1, "model")]
@@ -249,6 +285,7 @@ class RobotFile(Sparse):
     """Share of the torque due to the arm's own weight that springs hold, by joint; a URDF has no springs."""
     servo: Servo | None = None
     uncertainty: Uncertainty = Uncertainty()
+    ros: RosNames | None = None
 
 
 _CONTRACT = Contract(root=RobotFile, families={})

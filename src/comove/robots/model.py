@@ -68,7 +68,7 @@ class Arm:
 
 
 # Robots in use, by description and checksum: who loads one again gets it with all that was computed for it.
-_LOADED: WeakValueDictionary[tuple[Path, str], Robot] = WeakValueDictionary()
+_LOADED: WeakValueDictionary[tuple[Path, str, str], Robot] = WeakValueDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class Robot:
         loaded = assembled(load_description(path), path)
         with errors_in(path):
             _require_grippers_apart(loaded)
-        return _LOADED.setdefault((path, loaded.sha256), loaded)
+        return _LOADED.setdefault((path, loaded.sha256, repr(loaded.description.ros)), loaded)
 
     @property
     def name(self) -> str:
@@ -221,7 +221,7 @@ class Robot:
 
 def assembled(description: RobotFile, file: Path) -> Robot:
     """Return the robot of a description. Its paths are relative to `file`, which errors name."""
-    digest = hashlib.sha256(description.model_dump_json().encode())
+    digest = hashlib.sha256(description.model_dump_json(exclude={"ros"}).encode())  # names move nothing
     sources = tuple(read_source(source, description, file, digest) for source in description.models)
     if any(arm.gripper is not None for arm in description.arms.values()):
         from comove.robots.mounting import with_grippers

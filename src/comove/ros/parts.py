@@ -6,9 +6,10 @@ to the grasp and grips, the *release* lets go and moves them home; both come fro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from numbers import Real
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,11 +74,28 @@ class JointSamples:
         """Return the times of the samples [s]; array, shape (n_steps,)."""
         return self.nanoseconds / NANO
 
+    @classmethod
+    def joined(cls, samples: Sequence[JointSamples]) -> JointSamples:
+        """Return samples of the same instants as those of one motion."""
+        names = tuple(name for part in samples for name in part.joint_names)
+        rates = (
+            np.concatenate([getattr(part, kind) for part in samples], axis=1)
+            for kind in ("position", "velocity", "acceleration")
+        )
+        return cls(names, samples[0].nanoseconds, *rates)
+
     def of(self, names: tuple[str, ...]) -> JointSamples:
         """Return the samples of these joints alone."""
         columns = [self.joint_names.index(name) for name in names]
         rates = (array[:, columns] for array in (self.position, self.velocity, self.acceleration))
         return JointSamples(names, self.nanoseconds, *rates)
+
+
+class Grip(NamedTuple):
+    """A motion of all grippers. It begins at a time in the motion [s], negative if before it."""
+
+    time: float
+    closed: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +108,7 @@ class MotionPart:
     joints : motion of all moving joints of the robot
     arms : joint names by arm, from the base to the tip
     gripped_from : time at which the grippers close [s]; infinite if they are open throughout
+    released_by : time by which the grippers must be open [s]; infinite if they need not
     provenance : provenance of the motion
     """
 
@@ -97,7 +116,16 @@ class MotionPart:
     joints: JointMotion
     arms: Mapping[str, tuple[str, ...]]
     gripped_from: float
+    released_by: float
     provenance: MotionProvenance
+
+    @property
+    def grips(self) -> tuple[Grip, ...]:
+        """Return the motions of the grippers, in order: none in a carry, in which they hold."""
+        if self.gripped_from <= 0.0:
+            return ()
+        opened = Grip(0.0 if self.name == RELEASE else -1.0, closed=False)
+        return (opened,) if self.gripped_from == np.inf else (opened, Grip(self.gripped_from, closed=True))
 
     def samples(self, rate: float) -> JointSamples:
         """Sample the exact curve at `rate` [Hz] or slightly more. The rate is raised so that the end is a sample."""
@@ -133,11 +161,11 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
             key="transfers",
             way_out="plan them for it: comove.robots.transfers.plan_transfers(motion)",
         )
-    motions = {CARRY: (motion.joints, 0.0)}
+    motions = {CARRY: (motion.joints, 0.0, np.inf)}
     if transfers is not None and (approach := transfers.approach) is not None:
-        motions[APPROACH] = approach, approach.duration - transfers.grip_time
+        motions[APPROACH] = approach, approach.duration - transfers.grip_time, np.inf
     if transfers is not None and transfers.release is not None:
-        motions[RELEASE] = transfers.release, np.inf
+        motions[RELEASE] = transfers.release, np.inf, transfers.grip_time
     scene, robot = motion.scene, motion.robot
     arms = {arm.name: tuple(robot.joint_names[column] for column in arm.columns) for arm in robot.arms}
     provenance = MotionProvenance(
@@ -152,8 +180,8 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
         begin=IN_STEP if scene.moving.any() else "",
     )
     return {
-        name: MotionPart(name, joints, arms, gripped_from, replace(provenance, part=name))
-        for name, (joints, gripped_from) in motions.items()
+        name: MotionPart(name, joints, arms, gripped_from, released_by, replace(provenance, part=name))
+        for name, (joints, gripped_from, released_by) in motions.items()
     }
 
 

@@ -1,21 +1,8 @@
 # ruff: noqa: UP004, UP010, UP024, UP030, UP032, B904, B905
 """Bridge to ROS 1: a program of its own, because ROS brings its own Python (2.7 or 3).
 
-It reads commands and writes events, one JSON object a line. Commands:
-
-    {"do": "connect", "servers": {ARM: ACTION}, "joint_states": TOPIC, "joints": [NAME], "timeout": s}
-    {"do": "send", "delay": s, "goals": {ARM: {"joints": [NAME], "time": [ns],
-                                               "position": [[rad]], "velocity": ..., "acceleration": ...}}}
-    {"do": "cancel"}: cancels these goals; {"do": "cancel_all"}: cancels all goals of the servers, from any sender
-
-Events:
-
-    {"event": "refused", "reason": "ros" | "master" | "clock" | "server", "what": TEXT}
-    {"event": "connected"}, {"event": "sent"}, {"event": "cancelled"}
-    {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
-    {"event": "arm", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
-
-When its input ends for any reason, all goals are cancelled: an arm must not go on alone.
+It speaks as `comove.ros.bridges` says. When its input ends for any reason, all goals are cancelled: an arm must not
+go on alone.
 """
 
 from __future__ import print_function
@@ -30,6 +17,7 @@ import traceback
 
 HEARTBEAT = 1.0  # s; action servers tell their status five times a second
 FLUSH = 0.3  # s, that a last cancel has to reach the servers
+ACTIVE = (0, 1, 6, 7)  # of actionlib_msgs/GoalStatus: pending, active, preempting, recalling
 
 TOLERANCE = "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
 GOAL = """trajectory_msgs/JointTrajectory trajectory
@@ -124,17 +112,20 @@ class RosBridge(object):
 
     def __init__(self, tell):
         self.tell = tell
-        self.clients, self.goals, self.heard = {}, {}, {}
+        self.clients, self.goals, self.heard, self.busy = {}, {}, {}, {}
         self.start = None
         self.closed = set()
+        self.guarded = False
 
-    def connect(self, servers, joint_states, joints, timeout):
-        """Wait for all servers, then listen to the joints."""
+    def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
+        """Wait for all servers, then listen to the joints. The parameter use_sim_time says whose time it is."""
         import actionlib
         import rospy
         from actionlib_msgs.msg import GoalStatusArray
         from sensor_msgs.msg import JointState
 
+        if grippers:
+            raise Refused("grippers", "")
         require_master()
         rospy.init_node("comove", anonymous=True, disable_signals=True)
         until = time.time() + timeout
@@ -144,13 +135,13 @@ class RosBridge(object):
             time.sleep(0.01)
         self.types = message_types()
         action = self.types["control_msgs/FollowJointTrajectoryAction"]
-        self.clients = {arm: actionlib.ActionClient(name, action) for arm, name in servers.items()}
-        for arm, client in self.clients.items():
+        self.clients = {server: actionlib.ActionClient(server, action) for server in servers}
+        for server, client in self.clients.items():
             while not client.wait_for_server(rospy.Duration(0.05)):
                 if time.time() > until:
                     raise Refused("server", client.ns)
-            rospy.Subscriber(client.ns + "/status", GoalStatusArray, self.on_status, arm)
-            self.watch(arm, client.last_status_msg._connection_header["callerid"])
+            rospy.Subscriber(client.ns + "/status", GoalStatusArray, self.on_status, server)
+            self.watch(server, client.last_status_msg._connection_header["callerid"])
         self.joints = set(joints)
         rospy.Subscriber(joint_states, JointState, self.on_joints, tcp_nodelay=True)
         self.tell("connected")
@@ -159,11 +150,11 @@ class RosBridge(object):
         """Send every server its goal, all with one start stamp."""
         import rospy
 
-        messages = {arm: self.goal_message(goal) for arm, goal in goals.items()}
+        messages = {server: self.goal_message(goal) for server, goal in goals.items()}
         self.start = rospy.Time.now() + rospy.Duration(delay)
-        for arm, message in messages.items():
+        for server, message in messages.items():
             message.trajectory.header.stamp = self.start
-            self.goals[arm] = self.clients[arm].send_goal(message, self.on_change(arm))
+            self.goals[server] = self.clients[server].send_goal(message, self.on_change(server))
         self.tell("sent")
 
     def goal_message(self, goal):
@@ -177,21 +168,29 @@ class RosBridge(object):
             point.time_from_start = rospy.Duration(nanoseconds // 10**9, nanoseconds % 10**9)
             point.positions, point.velocities, point.accelerations = position, velocity, acceleration
             message.trajectory.points.append(point)
+        for tolerances, value in (
+            (message.path_tolerance, goal["path"]),
+            (message.goal_tolerance, goal["end"]),
+        ):
+            for joint in goal["joints"] if value else ():
+                tolerance = self.types["control_msgs/JointTolerance"](name=joint, position=value)
+                tolerances.append(tolerance)
+        message.goal_time_tolerance = rospy.Duration(goal["late"])
         return message
+
+    def guard(self, ids):
+        """Be ready to cancel the goals of another bridge. All goals of the servers are, from any sender."""
+        self.guarded = bool(ids)
 
     def cancel(self):
         """Cancel these goals by their ids. Goal handles count a goal as lost that is cancelled before it arrives."""
         from actionlib_msgs.msg import GoalID
 
-        for arm, goal in self.goals.items():
-            number = goal.comm_state_machine.action_goal.goal_id.id
-            self.clients[arm].pub_cancel.publish(GoalID(id=number))
-        self.tell("cancelled")
-
-    def cancel_all(self):
-        for client in self.clients.values():
+        for server, goal in self.goals.items():
+            self.clients[server].pub_cancel.publish(GoalID(id=number_of(goal)))
+        for client in self.clients.values() if self.guarded else ():
             client.cancel_all_goals()
-        time.sleep(FLUSH)
+        self.tell("cancelled")
 
     def since_start(self, stamp=None):
         """Return the ROS time since the common start [s], or None."""
@@ -201,7 +200,7 @@ class RosBridge(object):
             return None
         return ((stamp or rospy.Time.now()) - self.start).to_sec()
 
-    def on_change(self, arm):
+    def on_change(self, server):
         """Return the callback for changes of a goal's state."""
         from actionlib import CommState, GoalStatus
 
@@ -219,9 +218,9 @@ class RosBridge(object):
                 if status == "SUCCEEDED":
                     status = "ABORTED"
             if done or status in ("PENDING", "ACTIVE"):
-                self.tell("arm", arm=arm, status=status, text=text, time=self.since_start())
+                self.tell("goal", server=server, status=status, text=text, time=self.since_start())
             if done:
-                self.closed.add(arm)
+                self.closed.add(server)
 
         return tell
 
@@ -235,10 +234,17 @@ class RosBridge(object):
             age = (now - stamp).to_sec()
             self.tell("joints", time=self.since_start(stamp), age=age, position=position)
 
-    def on_status(self, _, arm):
-        self.heard[arm] = time.time()
+    def on_status(self, message, server):
+        self.heard[server] = time.time()
+        if self.start is not None and server not in self.goals:
+            return  # a goal is being sent, and its id is not known yet
+        own = [number_of(goal) for goal in self.goals.values()]
+        busy = any(s.status in ACTIVE and s.goal_id.id not in own for s in message.status_list)
+        if busy != self.busy.get(server, False):
+            self.busy[server] = busy
+            self.tell("busy", server=server, busy=busy)
 
-    def watch(self, arm, node):
+    def watch(self, server, node):
         """Watch a server's process and report its end. ROS does not report it; a closed connection or silence shows
         it."""
         import rosgraph
@@ -249,23 +255,28 @@ class RosBridge(object):
         def wait():
             while connection_ends(address):
                 pass  # it only dropped this connection
-            self.lose(arm, "its node {0} ended".format(node))
+            self.lose(server, "its node {0} ended".format(node))
 
         def listen():
-            self.heard[arm] = time.time()
-            while time.time() < self.heard[arm] + HEARTBEAT:
+            self.heard[server] = time.time()
+            while time.time() < self.heard[server] + HEARTBEAT:
                 time.sleep(0.05)
-            self.lose(arm, "its node {0} has said nothing for {1:g} s".format(node, HEARTBEAT))
+            self.lose(server, "its node {0} has said nothing for {1:g} s".format(node, HEARTBEAT))
 
         for target in (wait, listen):
             thread = threading.Thread(target=target)
             thread.daemon = True
             thread.start()
 
-    def lose(self, arm, text):
-        if arm not in self.closed:
-            self.closed.add(arm)
-            self.tell("arm", arm=arm, status="LOST", text=text, time=self.since_start())
+    def lose(self, server, text):
+        if server not in self.closed:
+            self.closed.add(server)
+            self.tell("goal", server=server, status="LOST", text=text, time=self.since_start())
+
+
+def number_of(goal):
+    """Return the id of a goal."""
+    return goal.comm_state_machine.action_goal.goal_id.id
 
 
 def connection_ends(address):
@@ -319,7 +330,7 @@ def main():
         traceback.print_exc()
     finally:
         bridge.cancel()
-        if set(bridge.goals) - bridge.closed:
+        if set(bridge.goals) - bridge.closed or bridge.guarded:
             time.sleep(FLUSH)
         sys.stderr.flush()
         os._exit(0)  # threads of ROS would wait for each other

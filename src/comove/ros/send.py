@@ -1,5 +1,5 @@
 """Sending of motions to robots with one controller per arm. All arms are stopped when one does not follow. The
-coordination is independent of the middleware, which a `TrajectoryClient` connects to (ROS 1: `comove.ros.ros1`)."""
+coordination is independent of the middleware, which a `TrajectoryClient` connects to (`comove.ros.clients`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from comove.arrays import first_largest
 from comove.errors import OptionError, SendError, near_name
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
+from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, Grip, JointSamples, MotionPart, parts_of, require_rate
 
 Clock = Callable[[], float]
 
@@ -66,19 +66,31 @@ class RobotState:
     arms : states of the arms, by name
     position : positions of the joints, by name [rad]
     time : time of the newest position since the common start [s]; None before there is one
-    age : age of that position when it arrived [s]; negative if the robot's clock is ahead
+    times : times of the joints' positions since the common start, by name; `time` for joints that are missing [s]
+    age : largest age of a joint's newest position when it arrived [s]; negative if the robot's clock is ahead
     silence : longest time since a joint was last reported [s]; infinite if one never was
+    grippers : states of the grippers, by arm, as far as they were told to move
+    busy : arms whose controllers have goals of other clients
+    conflict : a joint that two nodes report, and their names; None if none is known
     """
 
     arms: Mapping[str, ArmState] = field(default_factory=dict)
     position: Mapping[str, float] = field(default_factory=dict)
     time: float | None = None
+    times: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
     silence: float = np.inf
+    grippers: Mapping[str, ArmState] = field(default_factory=dict)
+    busy: frozenset[str] = frozenset()
+    conflict: tuple[str, tuple[str, ...]] | None = None
 
 
 class TrajectoryClient(Protocol):
     """Connection to the controllers of a robot's arms."""
+
+    @property
+    def has_grippers(self) -> bool:
+        """Whether it can move grippers."""
 
     def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
         """Find the controller of each arm and listen to its joints. `arms` holds the joint names of each arm.
@@ -89,8 +101,14 @@ class TrajectoryClient(Protocol):
             If a controller, or anything else that is needed, is not found within `timeout` [s].
         """
 
-    def send(self, goals: Mapping[str, JointSamples], delay: float) -> None:
-        """Send every arm its motion, to begin `delay` [s] from now. All arms begin at the same instant."""
+    def send(self, goals: Mapping[str, JointSamples], delay: float, tolerances: Tolerances) -> None:
+        """Send every arm its motion, to begin `delay` [s] from now. All arms begin at the same instant.
+
+        `path`, `end` and `late` of the tolerances are for the controllers.
+        """
+
+    def grip(self, closed: bool) -> None:
+        """Close all grippers, or open them."""
 
     def cancel(self) -> None:
         """Stop all arms."""
@@ -107,6 +125,7 @@ class Tolerances:
     ----------
     start : largest distance of a joint from the first sample [rad]
     path : largest distance of a joint from the running motion [rad]
+    end : largest distance of a joint from the goal, for the controllers [rad]; 0 for what they have by themselves
     connect : time to wait for the robot [s]
     delay : time from sending to the common start, slightly longer for long motions [s]
     late : largest time from the end of the motion until it is reported as done [s]
@@ -117,7 +136,8 @@ class Tolerances:
 
     start: float = 0.01
     path: float = 0.2
-    connect: float = 5.0
+    end: float = 0.0
+    connect: float = 10.0
     delay: float = 0.3
     late: float = 3.0
     silence: float = 0.5
@@ -126,6 +146,8 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
+            if name == "end" and value == 0:
+                continue
             if isinstance(value, bool) or not 0 < value < float("inf"):  # NaN would never stop an arm
                 raise OptionError(
                     f"{value} is not possible", key=f"tolerances.{name}", way_out="give a positive number"
@@ -190,14 +212,19 @@ def send(
     require_rate(motion, rate)
     client.connect(chosen.arms, tolerances.connect)
     _require_start(client, chosen, tolerances, clock)
+    grips = chosen.grips if client.has_grippers else ()
+    if grips and grips[0].time < 0.0:
+        _gripped(client, grips[0].closed, tolerances, clock)
     samples = chosen.samples(rate)
     goals = {arm: samples.of(names) for arm, names in chosen.arms.items()}
     delay = tolerances.delay + 1e-4 * len(samples.nanoseconds) * len(
         goals
     )  # s, that a sample may need on its way to an arm
     try:
-        client.send(goals, delay)
-        return _watched(client, chosen, tolerances, delay, clock)
+        client.send(goals, delay, tolerances)
+        return _watched(
+            client, chosen, [grip for grip in grips if grip.time >= 0.0], tolerances, delay, clock
+        )
     except BaseException:  # whatever it is, no arm goes on alone
         client.cancel()
         raise
@@ -230,37 +257,99 @@ def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Toler
             key="clock",
             way_out="set both clocks by the same time server (NTP)",
         )
+    _require_alone(state, part)
     found = np.array([state.position[name] for name in wanted])
     off = np.abs(found - part.joints.position[0])
     if not (off <= tolerances.start).all():
         worst = first_largest(np.nan_to_num(off, nan=np.inf))
+        way_out = "bring the robot there first, by the approach for example"
+        if (np.abs(np.radians(found) - part.joints.position[0]) <= tolerances.start).all():
+            way_out = "the robot seems to tell degrees: have it tell its joints in rad"
         raise SendError(
             f"the joint '{wanted[worst]}' is at {found[worst]:.4f} rad, and the {part.name} begins at "
             f"{part.joints.position[0, worst]:.4f} rad, {off[worst]:.3g} rad away ({tolerances.start:g} allowed)",
             key="start",
-            way_out="bring the robot there first, by the approach for example",
+            way_out=way_out,
         )
 
 
+def _require_alone(state: RobotState, part: MotionPart) -> None:
+    """Check that nobody else moves the arms, or reports their joints."""
+    busy = [arm for arm in part.arms if arm in state.busy]
+    if busy:
+        raise SendError(
+            f"the controller of the arm '{busy[0]}' has a goal of another client",
+            key="action",
+            way_out="wait for its end, or cancel it",
+        )
+    if state.conflict is not None:
+        joint, nodes = state.conflict
+        raise SendError(
+            f"the joint '{joint}' is told by several nodes: {', '.join(nodes)}",
+            key="joint_states",
+            way_out="end all but the robot's own, or name its topic",
+        )
+
+
+def _gripped(client: TrajectoryClient, closed: bool, tolerances: Tolerances, clock: Clock) -> None:
+    """Move the grippers before anything else, and wait until they are done."""
+    client.grip(closed)
+    until = clock() + tolerances.connect
+    while clock() < until:
+        state = client.state(tolerances.look)
+        reason = _grippers_failure(state)
+        if reason:
+            raise SendError(reason, key="gripper", way_out="look at it, or leave 'gripper' out of 'ros'")
+        if all(gripper.status is Status.SUCCEEDED for gripper in state.grippers.values()):
+            return
+    raise SendError(
+        f"the grippers were not done after {tolerances.connect:g} s",
+        key="gripper",
+        way_out="look at them, or leave 'gripper' out of 'ros'",
+    )
+
+
+def _grippers_failure(state: RobotState) -> str:
+    for name, gripper in state.grippers.items():
+        if gripper.status in _FAILED:
+            told = f": {gripper.text}" if gripper.text else ""
+            return f"the controller of the gripper of '{name}' {_FAILED[gripper.status]}{told}"
+    return ""
+
+
 def _watched(
-    client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, delay: float, clock: Clock
+    client: TrajectoryClient,
+    part: MotionPart,
+    grips: list[Grip],
+    tolerances: Tolerances,
+    delay: float,
+    clock: Clock,
 ) -> SendOutcome:
-    """Wait until all arms are done; stop all if one fails."""
+    """Wait until all arms are done, with the grippers moved meanwhile; stop all if one fails."""
     began, worst = clock(), 0.0
     while True:
         state = client.state(tolerances.look)
+        if grips and state.time is not None and state.time >= grips[0].time:
+            client.grip(grips.pop(0).closed)
+            state = client.state(0.0)
         off, joint = _deviation(state, part)
         worst = max(worst, off)
         reason = _failure(state, tolerances)
         if not reason and not off <= tolerances.path:
             reason = f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
-        arms = [state.arms.get(arm, ArmState()) for arm in part.arms]
-        if not reason and all(arm.status is Status.SUCCEEDED for arm in arms):
+        if not reason and state.time is not None and state.time > part.released_by:
+            held = [
+                name for name, gripper in state.grippers.items() if gripper.status is not Status.SUCCEEDED
+            ]
+            reason = f"the gripper of '{held[0]}' was not open when its arm was to leave" if held else ""
+        ends = [state.arms.get(arm, ArmState()) for arm in part.arms] + list(state.grippers.values())
+        if not reason and not grips and all(end.status is Status.SUCCEEDED for end in ends):
             return SendOutcome(state.arms, worst)
         allowed = delay + part.joints.duration + tolerances.late
         if not reason and not clock() - began <= allowed:
             slow = next(
-                name for name in part.arms if state.arms.get(name, ArmState()).status is not Status.SUCCEEDED
+                (n for n in part.arms if state.arms.get(n, ArmState()).status is not Status.SUCCEEDED),
+                next(iter(part.arms)),
             )
             reason = f"the arm '{slow}' was not done {tolerances.late:g} s after the end of the motion"
         if reason:
@@ -281,6 +370,10 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
             return f"the controller of the arm '{name}' {_FAILED[arm.status]}{told}"
         if arm.status is Status.PENDING and state.time is not None and state.time > begun:
             return f"the controller of the arm '{name}' had not taken its goal when all were to begin"
+    if reason := _grippers_failure(state):
+        return reason
+    if state.busy:
+        return f"another client has sent the controller of the arm '{min(state.busy)}' a goal"
     if not state.silence <= tolerances.silence:
         return f"the robot's joints have said nothing for {state.silence:.2g} s"
     return ""
@@ -291,7 +384,8 @@ def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:
         return 0.0, names[0]
-    wanted = joints.curve(np.clip(state.time, 0.0, joints.duration))
+    times = np.array([state.times.get(name, state.time) for name in names])
+    wanted = np.diagonal(joints.curve(np.clip(times, 0.0, joints.duration)))
     off = np.abs([state.position[name] for name in names] - wanted)
     worst = first_largest(np.nan_to_num(off, nan=np.inf))
     return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]

@@ -1,0 +1,496 @@
+"""Bridge to ROS 2: a program of its own, because every distribution has its own Python (Humble's is 3.10).
+
+It speaks as `comove.ros.bridges` says. It needs rclpy, and the user's own control_msgs. Where it ends, or its input
+does, it cancels what it has sent: an arm must not go on alone.
+"""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from contextlib import suppress
+
+STALE = 1.0  # s, after which feedback that had come is missing
+LOOK = 0.1  # s, between looks at the servers
+FLUSH = 0.5  # s, that a last cancel may wait for its answer
+CODES = {
+    -1: "the goal is invalid",
+    -2: "the joints are not its own",
+    -3: "the goal came too late",
+    -4: "it left the path by more than its tolerance",
+    -5: "it did not reach the goal within its tolerance",
+}
+ENDS = {4: "SUCCEEDED", 5: "PREEMPTED", 6: "ABORTED"}  # of action_msgs/msg/GoalStatus
+ACTIVE = (1, 2, 3)  # accepted, executing, cancelling
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+
+
+class Refused(Exception):
+    """Error that keeps a motion from being sent. Its arguments are a reason, its subject, and what was found."""
+
+
+class Teller:
+    """Writer of events to the original output. Prints of ROS go to the error stream and cannot mix with them."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.file = os.fdopen(os.dup(1), "w")
+        os.dup2(2, 1)
+
+    def __call__(self, event, **content):
+        line = json.dumps(dict(content, event=event)) + "\n"
+        with self.lock:
+            try:
+                self.file.write(line)
+                self.file.flush()
+            except OSError:  # nobody listens any more; the input ends as well
+                pass
+
+
+class Server:
+    """An action server of FollowJointTrajectory, and the goal that it has."""
+
+    def __init__(self, bridge, name):
+        from action_msgs.msg import GoalStatusArray
+        from action_msgs.srv import CancelGoal
+        from control_msgs.action import FollowJointTrajectory
+        from rclpy.action import ActionClient
+        from rclpy.qos import qos_profile_action_status_default
+
+        self.bridge, self.name, self.kind = bridge, name, FollowJointTrajectory
+        self.goal = self.heard = self.busy = None
+        self.closed = True
+        self.client = ActionClient(bridge.node, FollowJointTrajectory, name)
+        self.stop = bridge.node.create_client(CancelGoal, name + "/_action/cancel_goal")
+        bridge.node.create_subscription(
+            GoalStatusArray, name + "/_action/status", self.on_status, qos_profile_action_status_default
+        )
+
+    @property
+    def is_there(self):
+        """Return whether the server is in the graph."""
+        return self.client.server_is_ready() and self.stop.service_is_ready()
+
+    def cancel(self, number):
+        """Ask for the end of a goal by its number; return the future answer."""
+        from action_msgs.srv import CancelGoal
+
+        request = CancelGoal.Request()
+        request.goal_info.goal_id.uuid = list(bytes.fromhex(number))
+        return self.stop.call_async(request)
+
+    def send(self, number, message):
+        """Send a goal."""
+        from unique_identifier_msgs.msg import UUID
+
+        self.goal, self.closed, self.heard = number, False, None
+        self.client.send_goal_async(
+            message, feedback_callback=self.on_feedback, goal_uuid=UUID(uuid=list(bytes.fromhex(number)))
+        ).add_done_callback(self.on_answer)
+
+    def on_answer(self, future):
+        """Tell whether the goal is taken, and wait for its result."""
+        handle = future.result()
+        if not handle.accepted:
+            self.tell("REJECTED", "its log says why", ends=True)
+            return
+        self.tell("ACTIVE")
+        handle.get_result_async().add_done_callback(self.on_result)
+
+    def on_result(self, future):
+        """Tell the result of the goal."""
+        answer = future.result()
+        status, text = ENDS.get(answer.status, "LOST"), ""
+        if answer.result.error_code:
+            text = answer.result.error_string or CODES.get(answer.result.error_code, "")
+            status = "ABORTED" if status == "SUCCEEDED" else status
+        self.tell(status, text, ends=True)
+
+    def on_feedback(self, _):
+        self.heard = time.monotonic()
+
+    def on_status(self, message):
+        """Tell whether another client has a goal, when that changes."""
+        numbers = [bytes(s.goal_info.goal_id.uuid).hex() for s in message.status_list if s.status in ACTIVE]
+        busy = any(number not in self.bridge.numbers for number in numbers)
+        if busy != self.busy:
+            self.busy = busy
+            self.bridge.tell("busy", server=self.name, busy=busy)
+
+    def look(self):
+        """Tell that the server is lost, if it is."""
+        if self.closed:
+            return
+        if not self.is_there:
+            self.tell("LOST", "it left the graph of ROS", ends=True)
+        elif self.heard is not None and time.monotonic() - self.heard > STALE:
+            self.tell("LOST", f"its feedback has stopped for {STALE:g} s", ends=True)
+
+    def tell(self, status, text="", ends=False):
+        """Tell the status of the goal, unless its end was told."""
+        if not self.closed:
+            self.closed = ends
+            self.bridge.tell(
+                "goal", server=self.name, status=status, text=text, time=self.bridge.since_start()
+            )
+
+
+class Gripper:
+    """An action server of a gripper. The newest goal counts."""
+
+    def __init__(self, bridge, arm, kind, action, joint):
+        from control_msgs import action as actions
+        from rclpy.action import ActionClient
+
+        self.bridge, self.arm, self.kind, self.joint, self.name = bridge, arm, kind, joint, action
+        self.number = 0
+        names = {"gripper_command": "GripperCommand", "parallel_gripper_command": "ParallelGripperCommand"}
+        name = names.get(kind, "FollowJointTrajectory")
+        if not hasattr(actions, name):
+            raise Refused("control_msgs", f"it has no {name}, which newer distributions have", [])
+        self.action = getattr(actions, name)
+        self.client = ActionClient(bridge.node, self.action, action)
+
+    @property
+    def is_there(self):
+        """Return whether the server is in the graph."""
+        return self.client.server_is_ready()
+
+    def goal(self, position, effort, seconds):
+        """Return a goal as a message."""
+        from builtin_interfaces.msg import Duration
+        from trajectory_msgs.msg import JointTrajectoryPoint
+
+        message = self.action.Goal()
+        if self.kind == "gripper_command":
+            message.command.position, message.command.max_effort = position, effort
+        elif self.kind == "parallel_gripper_command":
+            message.command.name, message.command.position = [self.joint], [position]
+            message.command.effort = [effort] if effort else []
+        else:
+            time = Duration(sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
+            message.trajectory.joint_names = [self.joint]
+            message.trajectory.points = [JointTrajectoryPoint(positions=[position], time_from_start=time)]
+        return message
+
+    def send(self, position, effort, seconds):
+        """Send a goal."""
+        self.number += 1
+        number = self.number
+        sent = self.client.send_goal_async(self.goal(position, effort, seconds))
+        sent.add_done_callback(lambda future: self.on_answer(future, number))
+
+    def on_answer(self, future, number):
+        handle = future.result()
+        if not handle.accepted:
+            self.tell("REJECTED", "its log says why", number)
+            return
+        self.tell("ACTIVE", "", number)
+        handle.get_result_async().add_done_callback(lambda done: self.on_result(done, number))
+
+    def on_result(self, future, number):
+        """Tell the result. Fingers that stall have closed on something."""
+        answer = future.result()
+        status, text = ENDS.get(answer.status, "LOST"), getattr(answer.result, "error_string", "")
+        if status == "ABORTED" and getattr(answer.result, "stalled", False):
+            status = "SUCCEEDED"
+        self.tell(status, text, number)
+
+    def tell(self, status, text, number):
+        if number == self.number:
+            self.bridge.tell(
+                "gripper", arm=self.arm, status=status, text=text, time=self.bridge.since_start()
+            )
+
+
+class Bridge:
+    """Node that sends goals to action servers and listens to joints."""
+
+    def __init__(self, tell):
+        self.tell = tell
+        self.servers, self.grippers = {}, {}
+        self.numbers, self.joints, self.tellers = set(), set(), {}
+        self.node = self.executor = self.thread = self.start = None
+        self.topic = ""
+
+    def open(self, sim_time):
+        """Join the graph of ROS."""
+        import rclpy
+        from rclpy.clock import Clock, ClockType
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.parameter import Parameter
+
+        rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        simulated = [Parameter("use_sim_time", Parameter.Type.BOOL, True)] if sim_time else []
+        self.node = rclpy.create_node(f"comove_{os.getpid()}", parameter_overrides=simulated)
+        self.node.create_timer(LOOK, self.look_at_servers, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.thread = threading.Thread(target=self.spin, daemon=True)
+        self.thread.start()
+
+    def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
+        """Wait for an answer of each server, and listen to the joints."""
+        require_names([*servers, joint_states, *(gripper["action"] for gripper in grippers.values())])
+        until = time.monotonic() + timeout
+        self.open(sim_time)
+        self.listen(joint_states, joints)
+        self.servers = {name: Server(self, name) for name in servers}
+        self.grippers = {arm: Gripper(self, arm, **gripper) for arm, gripper in grippers.items()}
+        for server in [*self.servers.values(), *self.grippers.values()]:
+            while not server.is_there:
+                self.wait(until, "server", server.name)
+        # A server is found before what it answers finds the way back: only an answer shows that there is one.
+        for name, answer in self.asked().items():
+            while not answer.done():
+                self.wait(until, "answer", name)
+        while sim_time and not self.node.get_clock().now().nanoseconds:
+            self.wait(until, "clock", "/clock")
+        self.tell("connected")
+
+    def asked(self):
+        """Return a future answer of each server: to the question to end a goal that nobody has."""
+        return self.on_thread(
+            lambda: {name: s.cancel(os.urandom(16).hex()) for name, s in self.servers.items()}
+        )
+
+    def listen(self, joint_states, joints):
+        """Listen to joints; to all if `joints` is None."""
+        from rclpy.qos import qos_profile_sensor_data
+        from sensor_msgs.msg import JointState
+
+        self.joints, self.topic = None if joints is None else set(joints), joint_states
+        self.node.create_subscription(
+            JointState, joint_states, self.joints_callback(), qos_profile_sensor_data
+        )
+
+    def look(self, joint_states, timeout):
+        """Tell which servers there are, and how soon they answer."""
+        import rclpy
+        from rclpy.action import get_action_names_and_types
+
+        require_names([joint_states])
+        self.open(sim_time=False)
+        self.listen(joint_states, None)
+        time.sleep(timeout)
+        found = sorted(name for name, kinds in get_action_names_and_types(self.node) if FOLLOW in kinds)
+        self.servers = {name: Server(self, name) for name in found}
+        begun = time.monotonic()
+        while not all(s.is_there for s in self.servers.values()) and time.monotonic() - begun < timeout:
+            time.sleep(0.002)
+        begun = time.monotonic()
+        answers, took = self.asked(), {}
+        while len(took) < len(answers) and time.monotonic() - begun < timeout:
+            took.update(
+                {n: time.monotonic() - begun for n, a in answers.items() if a.done() and n not in took}
+            )
+            time.sleep(0.0005)
+        time.sleep(0.2)  # for the status of goals
+        servers = [
+            {"action": name, "answer": took.get(name), "busy": bool(s.busy)}
+            for name, s in self.servers.items()
+        ]
+        self.tell(
+            "seen",
+            distribution=os.environ.get("ROS_DISTRO", ""),
+            rmw=rclpy.get_rmw_implementation_identifier(),
+            domain=os.environ.get("ROS_DOMAIN_ID", "0"),
+            python=".".join(map(str, sys.version_info[:3])),
+            servers=servers,
+            nodes=self.nodes(),
+        )
+
+    def on_thread(self, work):
+        """Return what `work` does on the executor's thread. An answer may be lost that comes while another thread has
+        sent a request and not yet noted its number."""
+        done = self.executor.create_task(work)
+        while not done.done():
+            time.sleep(0.0005)
+        return done.result()
+
+    def wait(self, until, reason, subject):
+        """Wait a moment; refuse to go on when it is too late."""
+        if time.monotonic() > until:
+            from rclpy.action import get_action_names_and_types
+
+            found = [name for name, kinds in get_action_names_and_types(self.node) if FOLLOW in kinds]
+            raise Refused(reason, subject, sorted(found))
+        time.sleep(0.005)
+
+    def spin(self):
+        from rclpy.executors import ExternalShutdownException
+
+        with suppress(ExternalShutdownException):
+            self.executor.spin()
+
+    def send(self, goals, delay):
+        """Send every server its goal, all with one start stamp."""
+        from rclpy.duration import Duration
+
+        messages = {name: self.goal_message(name, goal) for name, goal in goals.items()}
+        self.numbers.update(goal["id"] for goal in goals.values())
+        self.start = self.node.get_clock().now() + Duration(seconds=delay)
+        for message in messages.values():
+            message.trajectory.header.stamp = self.start.to_msg()
+        self.on_thread(
+            lambda: [self.servers[name].send(goals[name]["id"], m) for name, m in messages.items()]
+        )
+        self.tell("sent")
+
+    def grip(self, goals):
+        """Send grippers goals, by arm."""
+        self.on_thread(lambda: [self.grippers[arm].send(**goal) for arm, goal in goals.items()])
+
+    def goal_message(self, name, goal):
+        """Return a goal as a message."""
+        from builtin_interfaces.msg import Duration
+        from control_msgs.msg import JointTolerance
+        from trajectory_msgs.msg import JointTrajectoryPoint
+
+        message = self.servers[name].kind.Goal()
+        message.trajectory.joint_names = goal["joints"]
+        rows = zip(goal["time"], goal["position"], goal["velocity"], goal["acceleration"], strict=True)
+        for nanoseconds, position, velocity, acceleration in rows:
+            sec, nanosec = divmod(nanoseconds, 10**9)
+            message.trajectory.points.append(
+                JointTrajectoryPoint(
+                    positions=position,
+                    velocities=velocity,
+                    accelerations=acceleration,
+                    time_from_start=Duration(sec=sec, nanosec=nanosec),
+                )
+            )
+        for field, value in (("path_tolerance", goal["path"]), ("goal_tolerance", goal["end"])):
+            if value:
+                allowed = [JointTolerance(name=joint, position=value) for joint in goal["joints"]]
+                setattr(message, field, allowed)
+        sec, nanosec = divmod(round(goal["late"] * 1e9), 10**9)
+        message.goal_time_tolerance = Duration(sec=sec, nanosec=nanosec)
+        return message
+
+    def guard(self, ids):
+        """Be ready to cancel these goals, by server, which another bridge sends."""
+        for server in self.servers.values():
+            server.goal = ids.get(server.name)
+        self.numbers.update(ids.values())
+
+    def cancel(self):
+        """Cancel these goals by their numbers, answered or not."""
+        sent = [server for server in self.servers.values() if server.goal is not None]
+        answers = self.on_thread(lambda: [server.cancel(server.goal) for server in sent])
+        self.tell("cancelled")
+        return answers
+
+    def since_start(self, stamp=None):
+        """Return the ROS time since the common start [s], or None."""
+        if self.start is None:
+            return None
+        now = self.node.get_clock().now().nanoseconds if stamp is None else stamp
+        return (now - self.start.nanoseconds) * 1e-9
+
+    def joints_callback(self):
+        """Return the callback for joint states. It knows their senders where rclpy tells them."""
+        from rclpy.subscription import Subscription
+
+        if hasattr(Subscription, "CallbackType"):
+            return lambda message, info: self.on_joints(message, info)
+        return lambda message: self.on_joints(message, {})
+
+    def on_joints(self, message, info):
+        told = zip(message.name, message.position, strict=False)
+        position = {n: p for n, p in told if self.joints is None or n in self.joints}
+        if not position:
+            return
+        sender = info.get("publisher_gid") if isinstance(info, dict) else None
+        if sender is not None:
+            self.compare(position, bytes(sender["data"]))
+        now = self.node.get_clock().now().nanoseconds
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or now
+        age = (now - stamp) * 1e-9
+        self.tell("joints", time=self.since_start(stamp), age=age, now=now * 1e-9, position=position)
+
+    def compare(self, position, sender):
+        """Tell a joint that has two senders."""
+        now = time.monotonic()
+        for joint in position:
+            before, heard = self.tellers.get(joint, (sender, now))
+            if before != sender and now - heard < STALE and None not in self.tellers:
+                self.tellers[None] = sender, now  # it is told once
+                self.tell("conflict", joint=joint, nodes=self.nodes())
+            self.tellers[joint] = sender, now
+
+    def nodes(self):
+        """Return the nodes that tell joint states."""
+        found = self.node.get_publishers_info_by_topic(self.topic)
+        return sorted({info.node_namespace.rstrip("/") + "/" + info.node_name for info in found})
+
+    def look_at_servers(self):
+        for server in list(self.servers.values()):
+            server.look()
+
+    def close(self):
+        """Cancel what still moves, and leave the graph of ROS: a node that is killed delays the next one."""
+        import rclpy
+
+        if self.executor is None:
+            return
+        answers, until = self.cancel(), time.monotonic() + FLUSH
+        while not all(answer.done() for answer in answers) and time.monotonic() < until:
+            time.sleep(0.002)
+        self.node.destroy_node()
+        rclpy.shutdown()
+        if self.thread is not None:
+            self.thread.join(2.0)
+
+
+def require_names(names):
+    """Refuse names that ROS does not take."""
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.validate_topic_name import validate_topic_name
+
+    for name in names:
+        try:
+            validate_topic_name(name)
+        except InvalidTopicNameException as error:
+            raise Refused("name", name, [str(error).splitlines()[0]]) from None
+
+
+def main():
+    tell = Teller()
+    try:
+        import rclpy  # noqa: F401
+        import sensor_msgs.msg  # noqa: F401
+        import trajectory_msgs.msg  # noqa: F401
+    except ImportError as error:
+        tell("refused", reason="ros", what=str(error))
+        return
+    try:
+        import control_msgs.action  # noqa: F401
+    except ImportError as error:
+        tell("refused", reason="control_msgs", what=str(error))
+        return
+
+    def end(*_):
+        raise SystemExit
+
+    signal.signal(signal.SIGTERM, end)
+    bridge = Bridge(tell)
+    try:
+        for line in iter(sys.stdin.readline, ""):
+            command = json.loads(line)
+            getattr(bridge, command.pop("do"))(**command)
+    except Refused as refusal:
+        reason, what, found = refusal.args
+        tell("refused", reason=reason, what=what, found=found)
+    except Exception:  # its last line is told
+        traceback.print_exc()
+    finally:
+        bridge.close()
+        sys.stderr.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""Robots in ROS on loopback, an action server each arm in a process of its own (`ros1_server.py`, `ros2_server.py`).
+
+The tests of sending and `benchmarks/ros.py` use them. ROS 1 is installed by apt, ROS 2 by ``make ros2``: its wheels
+for each distribution, in an environment of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from comove.ros.clients import MIDDLEWARES, RosClient
+
+HERE = Path(__file__).parent
+VENVS = Path(os.environ.get("COMOVE_TEST_ROS2", HERE.parents[1] / ".venv-ros2"))
+STARTING = 15.0  # s, that a master may need
+QUICK = HERE / "quick.xml"  # a profile of Fast DDS, with which nodes find each other at once
+
+
+class Process:
+    """A process whose lines are events; a context that ends it."""
+
+    def __init__(self, arguments: Sequence[str], environment: Mapping[str, str]):
+        self.process = subprocess.Popen(
+            arguments,
+            env={**os.environ, **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self.events: queue.Queue[dict[str, Any]] = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        for line in self.process.stdout:
+            if line.startswith("{"):
+                self.events.put(json.loads(line))
+
+    def wait_for(self, name: str, timeout: float = 10.0) -> dict[str, Any]:
+        """The next event of a name; `queue.Empty` where it does not come within `timeout` [s]."""
+        until = time.monotonic() + timeout
+        while True:
+            event = self.events.get(timeout=max(0.01, until - time.monotonic()))
+            if event["event"] == name:
+                return event
+
+    def __enter__(self) -> Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.send_signal(signal.SIGCONT)
+        self.process.kill()
+        self.process.wait()
+
+
+@contextmanager
+def ros_master() -> Iterator[dict[str, str]]:
+    """Run a master of ROS 1 on a free port of loopback; lends the environment that leads there."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+        "ROS_IP": "127.0.0.1",
+        "ROS_LOG_DIR": "/tmp/roslog",
+    }
+    process = subprocess.Popen(
+        ["roscore", "-p", str(port)],
+        env={**os.environ, **environment},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        until = time.monotonic() + STARTING
+        while time.monotonic() < until:
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.05)
+        yield environment
+    finally:
+        process.send_signal(signal.SIGINT)  # as Ctrl-C: it ends what it has started
+        process.wait(STARTING)
+
+
+@contextmanager
+def dds_domain(*, quick: bool = True) -> Iterator[dict[str, str]]:
+    """Lend the environment of a domain of ROS 2 on loopback.
+
+    A killed process would leave files of shared memory. A `quick` domain finds nodes, and their ends, sooner.
+    """
+    yield {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(random.SystemRandom().randrange(1, 100)),
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+        **(
+            {f"{name}_DEFAULT_PROFILES_FILE": str(QUICK) for name in ("FASTDDS", "FASTRTPS")} if quick else {}
+        ),
+    }
+
+
+@dataclass(frozen=True)
+class Ros:
+    """A version of ROS that may be installed here.
+
+    Attributes
+    ----------
+    name, version : name for people, and 1 or 2
+    python : its Python
+    modules : modules that the servers load
+    network : context of the environment in which nodes find each other
+    install : command that installs it
+    """
+
+    name: str
+    version: int
+    python: str
+    modules: str
+    network: Callable[[], AbstractContextManager[dict[str, str]]]
+    install: str
+
+    @cached_property
+    def is_there(self) -> bool:
+        """Whether it is installed here."""
+        if not Path(self.python).exists() or (self.version == 1 and shutil.which("roscore") is None):
+            return False
+        return not subprocess.run(
+            [self.python, "-c", f"import {self.modules}"], capture_output=True
+        ).returncode
+
+    def action(self, arm: str) -> str:
+        """Return the usual name of an arm's action."""
+        return MIDDLEWARES[self.version].names.action.format(arm=arm)
+
+    def client(self, **settings: Any) -> RosClient:
+        """Return a client for it."""
+        return RosClient((self.version,), python=self.python, **settings)
+
+    def server(
+        self,
+        arm: str,
+        position: Mapping[str, float],
+        environment: Mapping[str, str],
+        *,
+        fault: str | None = None,
+        states: bool = True,
+        action: str | None = None,
+        gripper: str | None = None,
+    ) -> Process:
+        """Start the server of an arm whose joints are at `position` [rad]; it is there at its event "ready"."""
+        settings = {"arm": arm, "position": dict(position), "action": action or self.action(arm)}
+        settings |= {"fault": fault, "states": states, "gripper": gripper}
+        program = HERE / f"ros{self.version}_server.py"
+        return Process([self.python, str(program), json.dumps(settings)], environment)
+
+
+NOETIC = Ros(
+    "noetic",
+    1,
+    "/usr/bin/python3",
+    "rospy, actionlib, trajectory_msgs.msg, sensor_msgs.msg, rosmaster",
+    ros_master,
+    "apt-get install python3-rospy python3-actionlib python3-roslaunch",
+)
+JAZZY, KILTED = (
+    Ros(
+        name,
+        2,
+        str(VENVS / name / "bin" / "python"),
+        "rclpy, control_msgs.action, sensor_msgs.msg",
+        dds_domain,
+        "make ros2",
+    )
+    for name in ("jazzy", "kilted")
+)
