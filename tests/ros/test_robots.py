@@ -16,6 +16,7 @@ import pytest
 from comove.processes import n_processors
 from comove.robots.description import RosGripper
 from comove.ros import Names, Ros1Client, Ros2Client, RosClient, SendError, Tolerances, send
+from comove.ros.bridges import Bridge, awaited
 from comove.ros.clients import MIDDLEWARES, ROS1
 from tests.ros.robots import JAZZY, KILTED, NOETIC, Process
 
@@ -327,6 +328,42 @@ def test_when_the_bridge_hangs_another_one_stops_all_arms(robot, brief):
     for server in servers.values():
         server.wait_for("stopped", 5.0)
     assert "did not answer" in error.outcome.arms["left"].text
+
+
+@pytest.mark.parametrize("ros", versions(KILTED, JAZZY))
+def test_a_goal_that_comes_after_its_cancellation_is_ended(ros, monkeypatch):
+    """Services keep no order among each other, and a server forgets whom it was asked to end."""
+    action, number = ros.action("left"), "ab" * 16
+    goal = {"id": number, "joints": ["left_1"], "time": [0, 10**10], "path": 0.0, "end": 0.0, "late": 1.0}
+    goal |= {kind: [[0.0], [0.0]] for kind in ("position", "velocity", "acceleration")}
+    command = {
+        "do": "connect",
+        "servers": [action],
+        "joint_states": "/joint_states",
+        "joints": [],
+        "timeout": 10.0,
+    }
+    command |= {"sim_time": False, "grippers": {}}
+    with ros.network() as environment, ros.server("left", {"left_1": 0.0}, environment) as server:
+        for key, value in environment.items():
+            monkeypatch.setenv(key, value)
+        server.wait_for("ready")
+        bridges = [Bridge(ros.python, MIDDLEWARES[2].program) for _ in range(2)]
+        try:
+            for bridge in bridges:
+                bridge.tell(command)
+            for bridge in bridges:
+                assert awaited(bridge, ("connected", "refused"), 30.0, [])["event"] == "connected"
+            sender, guard = bridges
+            guard.tell({"do": "guard", "ids": {action: number}})
+            guard.tell({"do": "cancel"})
+            assert awaited(guard, ("cancelled",), 10.0, [])["event"] == "cancelled"
+            sender.tell({"do": "send", "delay": 0.1, "goals": {action: goal}})
+            for event in ("goal", "cancel", "stopped"):
+                server.wait_for(event, 3.0)
+        finally:
+            for bridge in bridges:
+                bridge.close()
 
 
 @pytest.mark.parametrize("ros", versions(NOETIC, KILTED))

@@ -16,6 +16,8 @@ from contextlib import suppress
 STALE = 1.0  # s, after which feedback that had come is missing
 LOOK = 0.1  # s, between looks at the servers
 FLUSH = 0.5  # s, that a last cancel may wait for its answer
+AGAIN = 0.1  # s, after which a cancel without an answer is sent again
+UNKNOWN = 2  # of action_msgs/srv/CancelGoal: no such goal
 CODES = {
     -1: "the goal is invalid",
     -2: "the joints are not its own",
@@ -62,12 +64,17 @@ class Server:
 
         self.bridge, self.name, self.kind = bridge, name, FollowJointTrajectory
         self.goal = self.heard = self.busy = None
-        self.closed = True
+        self.closed, self.guarded, self.status = True, False, ""
         self.client = ActionClient(bridge.node, FollowJointTrajectory, name)
         self.stop = bridge.node.create_client(CancelGoal, name + "/_action/cancel_goal")
         bridge.node.create_subscription(
             GoalStatusArray, name + "/_action/status", self.on_status, qos_profile_action_status_default
         )
+
+    @property
+    def ended(self):
+        """Return whether the goal is known to have come to its end. A server that is lost may go on with it."""
+        return self.closed and self.status != "LOST" and not self.guarded
 
     @property
     def is_there(self):
@@ -132,7 +139,7 @@ class Server:
     def tell(self, status, text="", ends=False):
         """Tell the status of the goal, unless its end was told."""
         if not self.closed:
-            self.closed = ends
+            self.closed, self.status = ends, status
             self.bridge.tell(
                 "goal", server=self.name, status=status, text=text, time=self.bridge.since_start()
             )
@@ -375,14 +382,28 @@ class Bridge:
         """Be ready to cancel these goals, by server, which another bridge sends."""
         for server in self.servers.values():
             server.goal = ids.get(server.name)
+            server.guarded = server.goal is not None
         self.numbers.update(ids.values())
 
     def cancel(self):
-        """Cancel these goals by their numbers, answered or not."""
-        sent = [server for server in self.servers.values() if server.goal is not None]
-        answers = self.on_thread(lambda: [server.cancel(server.goal) for server in sent])
-        self.tell("cancelled")
-        return answers
+        """Cancel these goals by their numbers, answered or not.
+
+        A server may get the question before the goal, which it does not know then and executes: it is asked again.
+        """
+        sent = [server for server in self.servers.values() if server.goal is not None and not server.ended]
+        until, is_told = time.monotonic() + FLUSH, False
+        while True:
+            answers = self.on_thread(lambda sent=sent: [server.cancel(server.goal) for server in sent])
+            if not is_told:
+                self.tell("cancelled")
+                is_told = True
+            asked = min(time.monotonic() + AGAIN, until)
+            while not all(answer.done() for answer in answers) and time.monotonic() < asked:
+                time.sleep(0.001)
+            sent = [s for s, a in zip(sent, answers, strict=True) if not s.ended and not is_known(a)]
+            if not sent or time.monotonic() > until:
+                return
+            time.sleep(0.005)
 
     def since_start(self, stamp=None):
         """Return the ROS time since the common start [s], or None."""
@@ -437,13 +458,16 @@ class Bridge:
 
         if self.executor is None:
             return
-        answers, until = self.cancel(), time.monotonic() + FLUSH
-        while not all(answer.done() for answer in answers) and time.monotonic() < until:
-            time.sleep(0.002)
+        self.cancel()
         self.node.destroy_node()
         rclpy.shutdown()
         if self.thread is not None:
             self.thread.join(2.0)
+
+
+def is_known(answer):
+    """Return whether a server answered that it knows the goal that is to end."""
+    return answer.done() and answer.result() is not None and answer.result().return_code != UNKNOWN
 
 
 def require_names(names):
