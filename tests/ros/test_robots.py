@@ -15,7 +15,7 @@ import pytest
 
 from comove.processes import n_processors
 from comove.robots.description import RosGripper
-from comove.ros import Names, Ros1Client, Ros2Client, RosClient, SendError, Tolerances, send
+from comove.ros import Names, Ros1Client, Ros2Client, RosClient, SendError, Tolerances, connect, send
 from comove.ros.bridges import Bridge, awaited
 from comove.ros.clients import MIDDLEWARES, ROS1
 from tests.ros.robots import JAZZY, KILTED, NOETIC, Process
@@ -142,6 +142,26 @@ def test_grippers_close_at_the_end_of_the_approach(ros, kind, verified, transfer
             opened, goal, closed = (server.wait_for(name) for name in ("gripped", "goal", "gripped"))
             assert opened["position"] == 0.04 and closed["position"] == 0.0
             assert closed["at"] > goal["at"] + approach.duration - transfers.grip_time
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ros", versions(NOETIC, KILTED))
+def test_all_parts_go_over_one_connection(ros, verified, transfers, monkeypatch):
+    at = dict(zip(transfers.approach.joint_names, transfers.approach.position[0].tolist(), strict=True))
+    with ExitStack() as running:
+        environment = running.enter_context(ros.network())
+        for key, value in environment.items():
+            monkeypatch.setenv(key, value)
+        for arm in ("left", "right"):
+            position = {name: q for name, q in at.items() if name.startswith(arm)}
+            running.enter_context(ros.server(arm, position, environment)).wait_for("ready")
+        robot = running.enter_context(connect(version=ros.version, python=ros.python))
+        bridges = set()
+        for part in ("approach", "carry", "release"):
+            outcome = robot.send(verified, part=part, transfers=transfers, tolerances=BRIEF)
+            assert outcome.deviation < BRIEF.path and outcome.apart < 0.2 * LOAD
+            bridges.add(robot.client._bridge)
+        assert len(bridges) == 1
 
 
 def fails(client, motion, message, **changes):

@@ -19,12 +19,12 @@ Events:
 
     {"event": "refused", "reason": REASON, "what": TEXT, "found": [NAME]}
     {"event": "connected"}, {"event": "sent"}, {"event": "cancelled"}
-    {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}, "now": s (ROS 2)}
+    {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
     {"event": "goal", "server": ACTION, "status": STATUS, "text": TEXT, "time": s since the common start}
     {"event": "gripper", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
     {"event": "busy", "server": ACTION, "busy": bool}     whether another client has a goal there
     {"event": "seen", "distribution": NAME, "rmw": NAME, "domain": ID, "python": VERSION, "nodes": [NODE],
-        "servers": [{"action": ACTION, "answer": s or null, "busy": bool}]}
+        "servers": [{"action": ACTION, "answer": s or null, "busy": bool}], "joints": [NAME], "rate": Hz, "age": [s]}
     {"event": "conflict", "joint": NAME, "nodes": [NODE]}  of two nodes that tell the same joint
 
 When its input ends for any reason, a bridge cancels all its goals: an arm must not go on alone.
@@ -39,7 +39,8 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
@@ -51,7 +52,7 @@ Event = Mapping[str, Any]
 
 
 class Bridge:
-    """A bridge in a process of its own.
+    """A bridge in a process of its own. Nothing here waits for it: it may hang.
 
     Parameters
     ----------
@@ -64,7 +65,9 @@ class Bridge:
     """
 
     def __init__(self, python: str, program: Path):
-        self._events: queue.Queue[Event] = queue.Queue()
+        self._commands: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
+        self._told = threading.Condition()
+        self._events, self._joints = deque[Event](), dict[tuple[str, ...], Event]()
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         try:
             self._process = subprocess.Popen(
@@ -79,22 +82,25 @@ class Bridge:
         except OSError:
             self._errors.close()
             raise
-        threading.Thread(target=_listen, args=(self._process.stdout, self._events), daemon=True).start()
+        for work in (self._listen, self._write):
+            threading.Thread(target=work, daemon=True).start()
 
     def tell(self, command: Mapping[str, Any]) -> None:
         """Send a command."""
-        stream = self._process.stdin
-        with suppress(OSError, ValueError):  # it has ended; what listens says so
-            if stream is not None:
-                stream.write(json.dumps(command) + "\n")
-                stream.flush()
+        self._commands.put(command)
 
-    def news(self, wait: float) -> Iterator[Event]:
-        """Yield the events that are there. The first is awaited for `wait` [s]."""
-        with suppress(queue.Empty):
-            yield self._events.get(timeout=max(wait, 0.0))
-            while True:
-                yield self._events.get_nowait()
+    def news(self, wait: float) -> list[Event]:
+        """Return the events since the last call, after waiting at most `wait` [s].
+
+        Of the joints only the newest are among them, however long nobody asked.
+        """
+        with self._told:
+            if not self._events and not self._joints:
+                self._told.wait(max(wait, 0.0))
+            found = [*self._joints.values(), *self._events]
+            self._joints.clear()
+            self._events.clear()
+        return found
 
     @property
     def has_ended(self) -> bool:
@@ -113,22 +119,42 @@ class Bridge:
 
     def close(self) -> None:
         """End the process, which cancels its goals first."""
-        with suppress(OSError, subprocess.TimeoutExpired):
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+        self._commands.put(None)
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(3.0)
         self._process.kill()
         self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
         self._errors.close()
 
+    def _write(self) -> None:
+        """Write commands to the process, and at last end its input."""
+        stream = self._process.stdin
+        with suppress(OSError, ValueError):  # it has ended; what listens says so
+            while stream is not None and (command := self._commands.get()) is not None:
+                stream.write(json.dumps(command) + "\n")
+                stream.flush()
+        with suppress(OSError, ValueError):
+            if stream is not None:
+                stream.close()
 
-def _listen(stream: IO[str], events: queue.Queue[Event]) -> None:
-    with suppress(ValueError):  # closed, or cut off
-        for line in stream:
-            events.put(json.loads(line))
-    events.put({"event": "ended"})
+    def _listen(self) -> None:
+        """Note what the process says."""
+        stream = self._process.stdout
+        with suppress(OSError, ValueError):  # cut off
+            for line in stream or ():
+                self._note(json.loads(line))
+        self._note({"event": "ended"})
+        with suppress(OSError):
+            if stream is not None:
+                stream.close()
+
+    def _note(self, event: Event) -> None:
+        with self._told:
+            if event["event"] == "joints":
+                self._joints[tuple(event["position"])] = event
+            else:
+                self._events.append(event)
+            self._told.notify()
 
 
 def awaited(bridge: Bridge, kinds: tuple[str, ...], timeout: float, others: list[Event]) -> Event | None:

@@ -142,6 +142,7 @@ class RosClient:
         self._sim_time, self._answer, self._starting = sim_time, answer, starting
         self._bridge: Bridge | None = None
         self._guard: Bridge | None = None
+        self._is_sent = False
         self._actions = dict[str, list[str]]()
         self._state, self._heard, self._ages = RobotState(), dict[str, float](), dict[str, float]()
 
@@ -157,7 +158,11 @@ class RosClient:
         self.close()
 
     def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
-        """Find the action server of each arm; see `TrajectoryClient`."""
+        """Find the action server of each arm; see `TrajectoryClient`. A connection to the same arms is kept."""
+        joints = [name for names in arms.values() for name in names]
+        if self._is_alive and set(arms) == set(self._state.arms) and set(joints) == set(self._heard):
+            self._state = replace(self._state, arms={arm: ArmState() for arm in arms}, grippers={}, time=None)
+            return
         tried, refused = list[str](), None
         for ros, python in self._candidates():
             self.close()
@@ -171,6 +176,14 @@ class RosClient:
             tried.append(f"{python} (ROS {ros.version}: {answer['what']})")
         self.close()
         raise refused or ros_missing(self._versions, tried)
+
+    @property
+    def _is_alive(self) -> bool:
+        """Whether both bridges are, and no arm was lost."""
+        bridges, arms = (self._bridge, self._guard), self._state.arms.values()
+        return all(b is not None and not b.has_ended for b in bridges) and not any(
+            arm.status.moves or arm.status is Status.LOST for arm in arms
+        )
 
     def _candidates(self) -> Iterator[tuple[Middleware, str]]:
         for version in self._versions:
@@ -230,7 +243,7 @@ class RosClient:
                 "late": tolerances.late,
             }
         arms = {arm: ArmState(Status.PENDING) for arm in goals}
-        self._state = replace(self._state, arms=arms, time=None)
+        self._state, self._is_sent = replace(self._state, arms=arms, time=None, times={}), False
         if self._guard is not None:
             self._guard.tell({"do": "guard", "ids": ids})
         if self._bridge is not None:
@@ -280,11 +293,10 @@ class RosClient:
     def close(self) -> None:
         """End the bridges, which stop all arms that still move."""
         bridge, guard, self._bridge, self._guard = self._bridge, self._guard, None, None
-        moves = any(arm.status.moves for arm in self._state.arms.values())
         if bridge is not None:
             bridge.close()
         if guard is not None:
-            if not moves:
+            if not any(arm.status.moves or arm.status is Status.LOST for arm in self._state.arms.values()):
                 guard.tell({"do": "guard", "ids": {}})
             guard.close()
 
@@ -302,12 +314,12 @@ class RosClient:
             told = event["position"]
             self._heard |= dict.fromkeys(told, time.monotonic())
             self._ages |= dict.fromkeys(told, event["age"])
-            since = event["time"]
+            since = event["time"] if self._is_sent else None  # before, it is that of another motion
             times = state.times if since is None else {**state.times, **dict.fromkeys(told, float(since))}
             self._state = replace(
                 state,
                 position={**state.position, **told},
-                time=event["time"],
+                time=since,
                 times=times,
                 age=max(self._ages.values(), key=abs),
             )
@@ -315,6 +327,8 @@ class RosClient:
             arm = ArmState(Status[event["status"]], event["text"], event["time"])
             arms = dict.fromkeys(self._actions[event["server"]], arm)
             self._state = replace(state, arms={**state.arms, **arms})
+        elif kind == "sent":
+            self._is_sent = True
         elif kind == "gripper":
             gripper = ArmState(Status[event["status"]], event["text"], event["time"])
             self._state = replace(state, grippers={**state.grippers, event["arm"]: gripper})

@@ -101,11 +101,8 @@ def _until_seen(bridge: Bridge, timeout: float) -> list[Event]:
 
 
 def _found(seen: Event, events: Sequence[Event]) -> RosFound:
-    told = [event for event in events if event["event"] == "joints"]
-    arrived, ages = (np.array([event[key] for event in told], dtype=float) for key in ("now", "age"))
-    lasted = float(np.ptp(arrived)) if len(told) > 1 else 0.0
-    joints = dict.fromkeys(name for event in told for name in event["position"])
     conflicts = [event["joint"] for event in events if event["event"] == "conflict"]
+    ages = np.array(seen["age"] or [np.nan])
     return RosFound(
         seen["distribution"],
         seen["rmw"],
@@ -113,8 +110,8 @@ def _found(seen: Event, events: Sequence[Event]) -> RosFound:
         seen["python"],
         tuple(RosServer(**server) for server in seen["servers"]),
         tuple(seen["nodes"]),
-        tuple(joints),
+        tuple(seen["joints"]),
         conflicts[0] if conflicts else "",
-        (len(told) - 1) / lasted if lasted > 0.0 else 0.0,
-        (float(np.median(ages)), float(ages[np.abs(ages).argmax()])) if told else (np.nan, np.nan),
+        seen["rate"],
+        (float(np.median(ages)), float(ages[np.abs(ages).argmax()])),
     )

@@ -219,7 +219,7 @@ class Bridge:
     def __init__(self, tell):
         self.tell = tell
         self.servers, self.grippers = {}, {}
-        self.numbers, self.joints, self.tellers = set(), set(), {}
+        self.numbers, self.joints, self.tellers, self.seen = set(), set(), {}, []
         self.node = self.executor = self.thread = self.start = None
         self.topic = ""
 
@@ -296,6 +296,8 @@ class Bridge:
             )
             time.sleep(0.0005)
         time.sleep(0.2)  # for the status of goals
+        seen = list(self.seen)
+        lasted = seen[-1][0] - seen[0][0] if seen else 0.0
         servers = [
             {"action": name, "answer": took.get(name), "busy": bool(s.busy)}
             for name, s in self.servers.items()
@@ -308,6 +310,9 @@ class Bridge:
             python=".".join(map(str, sys.version_info[:3])),
             servers=servers,
             nodes=self.nodes(),
+            joints=sorted({name for _, _, names in seen for name in names}),
+            rate=(len(seen) - 1) / lasted if lasted > 0.0 else 0.0,
+            age=[age for _, age, _ in seen],
         )
 
     def on_thread(self, work):
@@ -431,7 +436,10 @@ class Bridge:
         now = self.node.get_clock().now().nanoseconds
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or now
         age = (now - stamp) * 1e-9
-        self.tell("joints", time=self.since_start(stamp), age=age, now=now * 1e-9, position=position)
+        if self.joints is None:  # it only looks
+            self.seen.append((now * 1e-9, age, list(position)))
+        else:
+            self.tell("joints", time=self.since_start(stamp), age=age, position=position)
 
     def compare(self, position, sender):
         """Tell a joint that has two senders."""
