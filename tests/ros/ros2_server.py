@@ -1,7 +1,8 @@
 """An arm's controller in ROS 2, simulated; run by a Python that has rclpy. Not a line of it is comove's.
 
 Usage: ros2_server.py '{"arm": "left", "position": {JOINT: rad}, "action": NAME, "fault": null | "stuck" | "abort" |
-"slow" | "refuse" | "endless" | "skewed" | "silent", "states": true, "gripper": null | TYPE}'. It refuses what a
+"slow" | "refuse" | "endless" | "skewed" | "silent" |
+"frozen" | "late" | "jammed", "states": true, "gripper": null | TYPE}'. It refuses what a
 joint_trajectory_controller refuses, as its documentation and source say. Prints one JSON object a line: what happened
 and when, by the system's monotonic clock.
 """
@@ -25,6 +26,7 @@ FEEDBACK = 0.05  # s
 STUCK_AT = 0.3  # s after the start
 SILENT_AT = 0.6  # s after the start, when a silent arm tells its joints no more
 STOPPED = 1.2e-7  # rad/s, largest velocity of a last point
+LATE = 0.6  # s, until a late arm looks at a goal
 SLOW = 0.6  # of the speed, of a slow arm
 SKEW = 3.0  # s, that the clock of a skewed robot is late
 
@@ -46,7 +48,7 @@ class Arm:
 
     def __init__(self, node, arm, position, action, fault, states, gripper):
         self.node, self.position, self.fault = node, dict(position), fault
-        self.silent = False
+        self.silent = self.moves = False
         self.result = FollowJointTrajectory.Result
         self.group = ReentrantCallbackGroup()
         self.server = ActionServer(
@@ -74,6 +76,9 @@ class Arm:
             message = JointState(name=list(self.position), position=list(self.position.values()))
             now = self.node.get_clock().now().nanoseconds - (int(SKEW * 1e9) if self.fault == "skewed" else 0)
             message.header.stamp = Time(nanoseconds=now).to_msg()
+            if self.fault == "frozen" and self.moves:
+                message = self.last
+            self.last = message
             self.topic.publish(message)
             time.sleep(1.0 / RATE)
 
@@ -94,6 +99,8 @@ class Arm:
         return ""
 
     def on_goal(self, request):
+        if self.fault == "late":
+            time.sleep(LATE)
         wrong = self.wrong(request.trajectory)
         path, tolerances = request.trajectory, request.path_tolerance
         stamp = path.header.stamp.sec * 10**9 + path.header.stamp.nanosec
@@ -110,7 +117,8 @@ class Arm:
         time.sleep(0.2)
         result = self.kind.Result()
         if hasattr(result, "stalled"):
-            result.stalled, result.reached_goal = wanted == 0.0, wanted != 0.0
+            result.stalled = wanted == 0.0 or self.fault == "jammed"
+            result.reached_goal = not result.stalled
         goal.succeed()
         log("gripped", position=wanted)
         return result
@@ -128,6 +136,7 @@ class Arm:
             now = self.node.get_clock().now().nanoseconds * 1e-9 - start
             now *= SLOW if self.fault == "slow" else 1.0
             self.silent = self.fault == "silent" and now > SILENT_AT
+            self.moves = now > STUCK_AT
             if goal.is_cancel_requested:
                 goal.canceled()
                 log("stopped", time=now)

@@ -1,13 +1,14 @@
 """Sending over the real ROS 1 and ROS 2, on loopback: an action server each arm, and faults of all kinds."""
 
 import os
+import queue
 import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,17 @@ import pytest
 
 from comove.processes import n_processors
 from comove.robots.description import RosGripper
-from comove.ros import Names, Ros1Client, Ros2Client, RosClient, SendError, Tolerances, connect, send
+from comove.ros import (
+    Names,
+    Ros1Client,
+    Ros2Client,
+    RosClient,
+    SendError,
+    Tolerances,
+    connect,
+    parts_of,
+    send,
+)
 from comove.ros.bridges import Bridge, awaited
 from comove.ros.clients import MIDDLEWARES, ROS1
 from tests.ros.robots import JAZZY, KILTED, NOETIC, Process
@@ -348,6 +359,99 @@ def test_when_the_bridge_hangs_another_one_stops_all_arms(robot, brief):
     for server in servers.values():
         server.wait_for("stopped", 5.0)
     assert "did not answer" in error.outcome.arms["left"].text
+
+
+def goals_of(motion):
+    """The arms of a motion, and their goals."""
+    part = parts_of(motion)["carry"]
+    samples = part.samples(100.0)
+    return part.arms, {arm: samples.of(names) for arm, names in part.arms.items()}
+
+
+def end_of(server, timeout=10.0):
+    """Whether an arm stopped, or was done."""
+    until = time.monotonic() + timeout
+    while time.monotonic() < until:
+        with suppress(queue.Empty):
+            event = server.events.get(timeout=0.1)["event"]
+            if event in ("stopped", "done"):
+                return event
+    return "moves on"
+
+
+@pytest.mark.parametrize("how", ["cancel", pytest.param("kill", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("network", versions(KILTED), indirect=True)
+def test_goals_that_are_looked_at_late_are_ended(robot, verified, how):
+    """A server that has not looked at a goal does not know it, when it is asked to end it."""
+    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
+    servers, client = robot(at=at, left="late", right="late")
+    arms, goals = goals_of(verified)
+    client.connect(arms, 10.0)
+    client.send(goals, 0.3, BRIEF)
+    while not client._is_sent:
+        client.state(0.01)
+    if how == "kill":
+        client._bridge.kill()
+    client.cancel()
+    assert [end_of(server) for server in servers.values()] == ["stopped", "stopped"]
+
+
+@pytest.mark.parametrize("network", versions(KILTED), indirect=True)
+def test_arms_stop_when_nobody_watches_them(robot, verified):
+    """As when comove is stopped by Ctrl-Z: its bridges stay."""
+    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
+    servers, client = robot(at=at)
+    arms, goals = goals_of(verified)
+    client.connect(arms, 10.0)
+    client.send(goals, 0.3, BRIEF)
+    for _ in range(20):
+        client.state(0.05)
+    assert [end_of(server) for server in servers.values()] == ["stopped", "stopped"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("network", versions(KILTED), indirect=True)
+def test_old_stamps_stop_all(robot, verified):
+    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
+    servers, client = robot(at=at, right="frozen")
+    fails(client, verified, "joints are told with stamps", silence=0.5, path=10.0)
+    assert [end_of(server) for server in servers.values()] == ["stopped", "stopped"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("network", versions(KILTED), indirect=True)
+def test_without_its_guard_no_arm_moves_on(robot, verified):
+    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
+    servers, client = robot(at=at)
+
+    def kill():
+        for server in servers.values():
+            server.wait_for("goal")
+        client._guard.kill()
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    fails(client, verified, "the second bridge to ROS has ended")
+    thread.join()
+    assert [end_of(server) for server in servers.values()] == ["stopped", "stopped"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ros", versions(KILTED))
+def test_arms_do_not_leave_with_grippers_that_jam(ros, verified, transfers, monkeypatch):
+    gripper = RosGripper(action="/{arm}_gripper/grip", open=0.04, closed=0.0)
+    at = dict(zip(transfers.release.joint_names, transfers.release.position[0].tolist(), strict=True))
+    with ExitStack() as running:
+        environment = running.enter_context(ros.network())
+        for key, value in environment.items():
+            monkeypatch.setenv(key, value)
+        for arm in ("left", "right"):
+            position = {name: q for name, q in at.items() if name.startswith(arm)}
+            server = ros.server(arm, position, environment, gripper="gripper_command", fault="jammed")
+            running.enter_context(server).wait_for("ready")
+        client = running.enter_context(ros.client(names=Names(gripper=gripper)))
+        with pytest.raises(SendError, match=r"the gripper of '.*' gave up: it stalled before it was open"):
+            send(client, verified, part="release", transfers=transfers, tolerances=BRIEF)
 
 
 @pytest.mark.parametrize("ros", versions(KILTED, JAZZY))

@@ -46,10 +46,12 @@ def doctor(
         }
         rows = list(found.items())
     else:
+        from comove.results.sealed import finite
         from comove.ros.looking import look
 
         seen = look(joint_states)
         found, rows = asdict(seen), _rows(seen, joint_states)
+        found["age"] = [finite(age) for age in seen.age]
     print(json.dumps(found, indent=2) if json_ else "\n".join(in_rows(rows)))
     return VERIFIED
 

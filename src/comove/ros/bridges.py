@@ -10,9 +10,10 @@ Commands:
     {"do": "send", "delay": s, "goals": {ACTION: {"id": NUMBER, "joints": [NAME], "time": [ns],
         "position": [[rad]], "velocity": ..., "acceleration": ...,
         "path": rad, "end": rad, "late": s}}}             the controller's tolerances; 0 rad: what it has by itself
-    {"do": "grip", "goals": {ARM: {"position": rad or m, "effort": N, "seconds": s}}}
+    {"do": "grip", "goals": {ARM: {"position": rad or m, "effort": N, "seconds": s, "closed": bool}}}
     {"do": "guard", "ids": {ACTION: NUMBER}}             goals of another bridge, to be cancelled at the end
     {"do": "cancel"}
+    {"do": "beat"}      (ROS 2) a sign of life, without which goals are cancelled after a second
     {"do": "look", "joint_states": TOPIC, "timeout": s}   (ROS 2) what there is, without a motion
 
 Events:
@@ -22,6 +23,7 @@ Events:
     {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
     {"event": "goal", "server": ACTION, "status": STATUS, "text": TEXT, "time": s since the common start}
     {"event": "gripper", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
+    {"event": "unstopped", "servers": [ACTION]}    that have not confirmed for seconds that they end their goals
     {"event": "busy", "server": ACTION, "busy": bool}     whether another client has a goal there
     {"event": "seen", "distribution": NAME, "rmw": NAME, "domain": ID, "python": VERSION, "nodes": [NODE],
         "servers": [{"action": ACTION, "answer": s or null, "busy": bool}], "joints": [NAME], "rate": Hz, "age": [s]}
@@ -47,6 +49,9 @@ from typing import IO, Any
 
 WHEELS = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 """Set by wheels of ROS 2 in their Python; another Python of theirs that inherits it would not find its libraries."""
+
+CLOSING = 8.0
+"""Time for a bridge to end, in which it asks again for the end of goals that no server has confirmed [s]."""
 
 Event = Mapping[str, Any]
 
@@ -90,7 +95,7 @@ class Bridge:
         self._commands.put(command)
 
     def news(self, wait: float) -> list[Event]:
-        """Return the events since the last call, after waiting at most `wait` [s].
+        """Return the events since the last call. It waits `wait` [s] at most.
 
         Of the joints only the newest are among them, however long nobody asked.
         """
@@ -121,7 +126,7 @@ class Bridge:
         """End the process, which cancels its goals first."""
         self._commands.put(None)
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(3.0)
+            self._process.wait(CLOSING)
         self._process.kill()
         self._process.wait()
         self._errors.close()

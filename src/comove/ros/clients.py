@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from comove.errors import SendError, listed
+from comove.errors import OptionError, SendError, listed
 from comove.robots.description import RosGripper, RosNames
 from comove.robots.model import Robot
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -258,6 +258,7 @@ class RosClient:
             "position": gripper.closed if closed else gripper.open,
             "effort": gripper.effort or 0.0,
             "seconds": GRIP_TIME,
+            "closed": closed,
         }
         self._state = replace(self._state, grippers=dict.fromkeys(self._state.arms, ArmState(Status.PENDING)))
         self._bridge.tell({"do": "grip", "goals": {arm: goal for arm in self._state.arms}})
@@ -284,8 +285,13 @@ class RosClient:
 
     def state(self, wait: float) -> RobotState:
         """Return the known state, after waiting at most `wait` [s]."""
-        for event in () if self._bridge is None else self._bridge.news(wait):
-            self._take(event)
+        if self._bridge is not None:
+            if self._is_sent:
+                self._bridge.tell({"do": "beat"})
+            for event in self._bridge.news(wait):
+                self._take(event)
+        if self._guard is not None and self._guard.has_ended:
+            self._state = replace(self._state, is_guarded=False)
         return replace(
             self._state, silence=time.monotonic() - min(self._heard.values(), default=-float("inf"))
         )
@@ -336,6 +342,9 @@ class RosClient:
             of_server = set(self._actions[event["server"]])
             busy = (state.busy | of_server) if event["busy"] else (state.busy - of_server)
             self._state = replace(state, busy=busy)
+        elif kind == "unstopped":
+            going = [arm for server in event["servers"] for arm in self._actions[server]]
+            self._state = replace(state, unstopped=frozenset(going))
         elif kind == "conflict":
             self._state = replace(state, conflict=(event["joint"], tuple(event["nodes"])))
         elif kind in ("ended", "refused"):
@@ -385,12 +394,19 @@ def connect(
     version : 1 or 2; ROS 2 where it is found, else ROS 1, unless given
     settings : further parameters of `RosClient`
 
+    Raises
+    ------
+    OptionError
+        If there is no such version.
+
     Examples
     --------
     >>> import comove.ros
     >>> with comove.ros.connect("/{arm}_controller/follow_joint_trajectory") as robot:
     ...     outcome = robot.send(motion)
     """
+    if version is not None and version not in MIDDLEWARES:
+        raise OptionError(f"there is no ROS {version!r}", key="version", way_out="give 1 or 2")
     versions = tuple(MIDDLEWARES) if version is None else (version,)
     return ConnectedRobot(RosClient(versions, Names(action, joint_states, gripper), **settings))
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from comove.errors import SendError
 from comove.ros.bridges import Bridge, Event
 from comove.ros.clients import ROS2, pythons, ros_missing
 
@@ -68,7 +69,7 @@ def look(joint_states: str | None = None, *, seconds: float = 3.0, python: str |
     Raises
     ------
     SendError
-        If there is no ROS 2 here.
+        If there is no ROS 2 here, or it takes no such topic.
     """
     topic = joint_states or ROS2.names.joint_states
     tried = list[str]()
@@ -86,6 +87,12 @@ def look(joint_states: str | None = None, *, seconds: float = 3.0, python: str |
         last = events[-1] if events else {"event": "refused", "what": "it did not answer"}
         if last["event"] == "seen":
             return _found(last, events)
+        if last.get("reason") == "name":
+            raise SendError(
+                f"ROS takes no name '{topic}': {last['found'][0]}",
+                key="joint_states",
+                way_out="give another one",
+            )
         tried.append(f"{candidate} ({last.get('what', 'it ended')})")
     raise ros_missing((2,), tried)
 

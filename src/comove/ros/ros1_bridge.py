@@ -182,6 +182,9 @@ class RosBridge(object):
         """Be ready to cancel the goals of another bridge. All goals of the servers are, from any sender."""
         self.guarded = bool(ids)
 
+    def beat(self):
+        """Do nothing."""
+
     def cancel(self):
         """Cancel these goals by their ids. Goal handles count a goal as lost that is cancelled before it arrives."""
         from actionlib_msgs.msg import GoalID

@@ -6,6 +6,7 @@ does, it cancels what it has sent: an arm must not go on alone.
 
 import json
 import os
+import queue
 import signal
 import sys
 import threading
@@ -15,9 +16,11 @@ from contextlib import suppress
 
 STALE = 1.0  # s, after which feedback that had come is missing
 LOOK = 0.1  # s, between looks at the servers
-FLUSH = 0.5  # s, that a last cancel may wait for its answer
+FLUSH = 5.0  # s, for which goals are asked to end that no server has confirmed
+BEAT = 1.0  # s without a sign of comove, after which all goals are cancelled
+MOST = 10_000  # events that wait for comove to read them
 AGAIN = 0.1  # s, after which a cancel without an answer is sent again
-UNKNOWN = 2  # of action_msgs/srv/CancelGoal: no such goal
+KNOWN = (0, 3)  # of action_msgs/srv/CancelGoal: it is cancelled, it has ended
 CODES = {
     -1: "the goal is invalid",
     -2: "the joints are not its own",
@@ -35,21 +38,36 @@ class Refused(Exception):
 
 
 class Teller:
-    """Writer of events to the original output. Prints of ROS go to the error stream and cannot mix with them."""
+    """Writer of events to the original output. Prints of ROS go to the error stream and cannot mix with them.
+
+    A thread of its own writes: nothing else waits for somebody who does not read.
+    """
 
     def __init__(self):
-        self.lock = threading.Lock()
         self.file = os.fdopen(os.dup(1), "w")
         os.dup2(2, 1)
+        self.lines = queue.Queue(MOST)
+        self.thread = threading.Thread(target=self.write, daemon=True)
+        self.thread.start()
 
     def __call__(self, event, **content):
-        line = json.dumps(dict(content, event=event)) + "\n"
-        with self.lock:
-            try:
+        with suppress(queue.Full):
+            self.lines.put_nowait(json.dumps(dict(content, event=event)) + "\n")
+
+    def write(self):
+        with suppress(OSError):  # nobody listens any more; the input ends as well
+            while True:
+                line = self.lines.get()
+                if line is None:
+                    return
                 self.file.write(line)
                 self.file.flush()
-            except OSError:  # nobody listens any more; the input ends as well
-                pass
+
+    def close(self):
+        """Write what is left."""
+        with suppress(queue.Full):
+            self.lines.put_nowait(None)
+            self.thread.join(1.0)
 
 
 class Server:
@@ -104,6 +122,8 @@ class Server:
         if not handle.accepted:
             self.tell("REJECTED", "its log says why", ends=True)
             return
+        if self.bridge.stopping:
+            self.cancel(self.goal)
         self.tell("ACTIVE")
         handle.get_result_async().add_done_callback(self.on_result)
 
@@ -137,9 +157,11 @@ class Server:
             self.tell("LOST", f"its feedback has stopped for {STALE:g} s", ends=True)
 
     def tell(self, status, text="", ends=False):
-        """Tell the status of the goal, unless its end was told."""
+        """Tell the status of the goal, unless its end was told. If it is a bad one, all other arms are stopped."""
         if not self.closed:
             self.closed, self.status = ends, status
+            if ends and status != "SUCCEEDED":
+                self.bridge.stop_all()
             self.bridge.tell(
                 "goal", server=self.name, status=status, text=text, time=self.bridge.since_start()
             )
@@ -183,9 +205,9 @@ class Gripper:
             message.trajectory.points = [JointTrajectoryPoint(positions=[position], time_from_start=time)]
         return message
 
-    def send(self, position, effort, seconds):
+    def send(self, position, effort, seconds, closed):
         """Send a goal."""
-        self.number += 1
+        self.number, self.closes = self.number + 1, closed
         number = self.number
         sent = self.client.send_goal_async(self.goal(position, effort, seconds))
         sent.add_done_callback(lambda future: self.on_answer(future, number))
@@ -199,11 +221,14 @@ class Gripper:
         handle.get_result_async().add_done_callback(lambda done: self.on_result(done, number))
 
     def on_result(self, future, number):
-        """Tell the result. Fingers that stall have closed on something."""
+        """Tell the result. Fingers that stall while they close have closed on something."""
         answer = future.result()
         status, text = ENDS.get(answer.status, "LOST"), getattr(answer.result, "error_string", "")
-        if status == "ABORTED" and getattr(answer.result, "stalled", False):
-            status = "SUCCEEDED"
+        if status in ("ABORTED", "SUCCEEDED") and hasattr(answer.result, "stalled"):
+            if self.closes and answer.result.stalled:
+                status = "SUCCEEDED"
+            elif not self.closes and not answer.result.reached_goal:
+                status, text = "ABORTED", text or "it stalled before it was open"
         self.tell(status, text, number)
 
     def tell(self, status, text, number):
@@ -221,6 +246,7 @@ class Bridge:
         self.servers, self.grippers = {}, {}
         self.numbers, self.joints, self.tellers, self.seen = set(), set(), {}, []
         self.node = self.executor = self.thread = self.start = None
+        self.stopping, self.beaten = False, time.monotonic()
         self.topic = ""
 
     def open(self, sim_time):
@@ -320,6 +346,8 @@ class Bridge:
         sent a request and not yet noted its number."""
         done = self.executor.create_task(work)
         while not done.done():
+            if not self.thread.is_alive():
+                return work()
             time.sleep(0.0005)
         return done.result()
 
@@ -329,14 +357,20 @@ class Bridge:
             from rclpy.action import get_action_names_and_types
 
             found = [name for name, kinds in get_action_names_and_types(self.node) if FOLLOW in kinds]
-            raise Refused(reason, subject, sorted(found))
+            own = [server.name for server in self.servers.values() if not server.is_there]
+            raise Refused(reason, subject, sorted(set(found) - set(own)))
         time.sleep(0.005)
 
     def spin(self):
         from rclpy.executors import ExternalShutdownException
 
-        with suppress(ExternalShutdownException):
+        try:
             self.executor.spin()
+        except ExternalShutdownException:
+            return
+        except Exception:  # nothing would be heard any more
+            traceback.print_exc()
+            os.kill(os.getpid(), signal.SIGTERM)
 
     def send(self, goals, delay):
         """Send every server its goal, all with one start stamp."""
@@ -344,6 +378,7 @@ class Bridge:
 
         messages = {name: self.goal_message(name, goal) for name, goal in goals.items()}
         self.numbers.update(goal["id"] for goal in goals.values())
+        self.stopping, self.beaten = False, time.monotonic()
         self.start = self.node.get_clock().now() + Duration(seconds=delay)
         for message in messages.values():
             message.trajectory.header.stamp = self.start.to_msg()
@@ -351,6 +386,17 @@ class Bridge:
             lambda: [self.servers[name].send(goals[name]["id"], m) for name, m in messages.items()]
         )
         self.tell("sent")
+
+    def beat(self):
+        """Note that comove goes on."""
+        self.beaten = time.monotonic()
+
+    def stop_all(self):
+        """Cancel all goals once, on the executor's thread."""
+        self.stopping = True
+        for server in self.servers.values():
+            if server.goal is not None and not server.ended:
+                server.cancel(server.goal)
 
     def grip(self, goals):
         """Send grippers goals, by arm."""
@@ -395,6 +441,7 @@ class Bridge:
 
         A server may get the question before the goal, which it does not know then and executes: it is asked again.
         """
+        self.stopping = True
         sent = [server for server in self.servers.values() if server.goal is not None and not server.ended]
         until, is_told = time.monotonic() + FLUSH, False
         while True:
@@ -406,9 +453,12 @@ class Bridge:
             while not all(answer.done() for answer in answers) and time.monotonic() < asked:
                 time.sleep(0.001)
             sent = [s for s, a in zip(sent, answers, strict=True) if not s.ended and not is_known(a)]
-            if not sent or time.monotonic() > until:
+            if not sent:
                 return
-            time.sleep(0.005)
+            if time.monotonic() > until:
+                self.tell("unstopped", servers=[server.name for server in sent])
+                return
+            time.sleep(0.02)
 
     def since_start(self, stamp=None):
         """Return the ROS time since the common start [s], or None."""
@@ -457,6 +507,9 @@ class Bridge:
         return sorted({info.node_namespace.rstrip("/") + "/" + info.node_name for info in found})
 
     def look_at_servers(self):
+        moves = any(not server.closed for server in self.servers.values())
+        if moves and not self.stopping and time.monotonic() - self.beaten > BEAT:
+            self.stop_all()
         for server in list(self.servers.values()):
             server.look()
 
@@ -474,8 +527,8 @@ class Bridge:
 
 
 def is_known(answer):
-    """Return whether a server answered that it knows the goal that is to end."""
-    return answer.done() and answer.result() is not None and answer.result().return_code != UNKNOWN
+    """Return whether a server answered that the goal ends, or has ended."""
+    return answer.done() and answer.result() is not None and answer.result().return_code in KNOWN
 
 
 def require_names(names):
@@ -521,6 +574,7 @@ def main():
         traceback.print_exc()
     finally:
         bridge.close()
+        tell.close()
         sys.stderr.flush()
 
 

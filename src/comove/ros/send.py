@@ -70,7 +70,9 @@ class RobotState:
     age : largest age of a joint's newest position when it arrived [s]; negative if the robot's clock is ahead
     silence : longest time since a joint was last reported [s]; infinite if one never was
     grippers : states of the grippers, by arm, as far as they were told to move
+    unstopped : arms whose controllers do not confirm that they stop
     busy : arms whose controllers have goals of other clients
+    is_guarded : whether somebody stops the arms if the connection fails
     conflict : a joint that two nodes report, and their names; None if none is known
     """
 
@@ -81,7 +83,9 @@ class RobotState:
     age: float = 0.0
     silence: float = np.inf
     grippers: Mapping[str, ArmState] = field(default_factory=dict)
+    unstopped: frozenset[str] = frozenset()
     busy: frozenset[str] = frozenset()
+    is_guarded: bool = True
     conflict: tuple[str, tuple[str, ...]] | None = None
 
 
@@ -345,8 +349,10 @@ def _watched(
         ends = [state.arms.get(arm, ArmState()) for arm in part.arms] + list(state.grippers.values())
         if not reason and not grips and all(end.status is Status.SUCCEEDED for end in ends):
             return SendOutcome(state.arms, worst)
-        allowed = delay + part.joints.duration + tolerances.late
-        if not reason and not clock() - began <= allowed:
+        allowed = part.joints.duration + tolerances.late
+        # Time of ROS, which may be a simulator's; where no joint has told it yet, of this clock.
+        passed = clock() - began - delay if state.time is None else state.time
+        if not reason and not passed <= allowed:
             slow = next(
                 (n for n in part.arms if state.arms.get(n, ArmState()).status is not Status.SUCCEEDED),
                 next(iter(part.arms)),
@@ -354,10 +360,13 @@ def _watched(
             reason = f"the arm '{slow}' was not done {tolerances.late:g} s after the end of the motion"
         if reason:
             client.cancel()
-            error = SendError(
-                reason, way_out="all arms were told to stop; look at the robot before anything else"
-            )
-            error.outcome = SendOutcome(_stopped(client, tolerances, clock).arms, worst, reason)
+            state = _stopped(client, tolerances, clock)
+            going = [name for name in part.arms if name in state.unstopped or _goes_on(state, name)]
+            way_out = "all arms were told to stop; look at the robot before anything else"
+            if going:
+                way_out = f"STOP THE ROBOT: {', '.join(going)} did not confirm the command to stop"
+            error = SendError(reason, way_out=way_out)
+            error.outcome = SendOutcome(state.arms, worst, reason)
             raise error
 
 
@@ -372,8 +381,12 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
             return f"the controller of the arm '{name}' had not taken its goal when all were to begin"
     if reason := _grippers_failure(state):
         return reason
+    if not state.is_guarded:
+        return "the second bridge to ROS has ended, which would stop the arms if the first one failed"
     if state.busy:
         return f"another client has sent the controller of the arm '{min(state.busy)}' a goal"
+    if not abs(state.age) <= tolerances.silence:
+        return f"the robot's joints are told with stamps {state.age:.2g} s old"
     if not state.silence <= tolerances.silence:
         return f"the robot's joints have said nothing for {state.silence:.2g} s"
     return ""
@@ -389,6 +402,12 @@ def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
     off = np.abs([state.position[name] for name in names] - wanted)
     worst = first_largest(np.nan_to_num(off, nan=np.inf))
     return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]
+
+
+def _goes_on(state: RobotState, name: str) -> bool:
+    """Return whether an arm may still move."""
+    status = state.arms.get(name, ArmState()).status
+    return status.moves or status is Status.LOST
 
 
 def _stopped(client: TrajectoryClient, tolerances: Tolerances, clock: Clock) -> RobotState:
