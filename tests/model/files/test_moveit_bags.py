@@ -420,6 +420,42 @@ def test_a_state_that_is_no_diff_has_all_attached_objects(messages, tmp_path):
         assert len(scene.attached) == wanted
 
 
+def test_what_is_taken_from_the_world_and_moved_is_refused(messages, tmp_path):
+    """Its pose on the link is that at the instant it was attached, which no message holds."""
+    box = [("box", [0.1, 0.2, 0.3])]
+    world = messages.scene([messages.object("a", box, ([1, 0, 0], [0, 0, 0, 1]))], joints={"j": 0.1})
+    take = messages.scene(
+        attached=[messages.attached("hand", messages.object("a", frame="hand"))], is_diff=True
+    )
+    for at, is_refused in ((0.1, False), (1.5, True)):
+        path = bag_of(
+            messages, tmp_path / f"{at}", world, take, messages.scene(joints={"j": at}, is_diff=True)
+        )
+        if is_refused:
+            with pytest.raises(InputError, match="the robot moved after the object 'a' was attached"):
+                planning_scene_in(path)
+        else:
+            assert len(planning_scene_in(path).attached) == 1
+
+
+def test_a_base_elsewhere_is_warned_of(messages, tmp_path):
+    for x in (0.0, 5.0):
+        scene = messages.scene([messages.object("a", [("box", [0.1, 0.2, 0.3])])], joints={"j": 0.1})
+        state = scene.robot_state.multi_dof_joint_state
+        state.joint_names = ["world_joint"]
+        state.transforms = [
+            messages.make(
+                "geometry_msgs/msg/Transform",
+                translation=messages.make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=0.0),
+                rotation=messages.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            )
+        ]
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            planning_scene_in(bag_of(messages, tmp_path / f"{x}", scene))
+        assert any("'world_joint' places the robot at (5, 0, 0) m" in str(w.message) for w in told) == (x > 0)
+
+
 def test_diffs_alone_are_warned_of(messages, tmp_path):
     box = [("box", [0.1, 0.2, 0.3])]
     path = bag_of(messages, tmp_path / "bag", messages.scene([messages.object("a", box)], is_diff=True))

@@ -83,6 +83,8 @@ DEFINITIONS = {
 }
 """Texts of MoveIt's types and those that they hold, by name, as in its repository since Foxy."""
 ADD, REMOVE, APPEND, MOVE = range(4)
+MOVED = 1e-6
+"""Motion beyond which something has moved [m, rad]."""
 KINDS = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
 """Shapes by their number in `shape_msgs/msg/SolidPrimitive`."""
 N_DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "prism": 1}
@@ -165,6 +167,21 @@ class _Monitor:
     scene: PlanningScene = field(default_factory=PlanningScene)
     objects: dict[str, CollisionObject] = field(default_factory=dict)
     attached: dict[str, AttachedObject] = field(default_factory=dict)
+    taken_at: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Joints at which objects were attached that lay in the world."""
+
+    def require_still(self) -> None:
+        """Refuse objects that were taken from the world, and that the robot then moved.
+
+        Their poses on its links are those of that instant, which no message holds.
+        """
+        for name, joints in self.taken_at.items():
+            now = self.scene.joints
+            if name in self.attached and any(abs(now[key] - at) > MOVED for key, at in joints.items()):
+                raise SceneError(
+                    f"the robot moved after the object '{shortened(name)}' was attached to it by its name",
+                    way_out="record /monitored_planning_scene, which says where on the link it is",
+                )
 
     def of_scene(self, message: Any) -> None:
         """Apply a planning scene. A whole one is the first."""
@@ -181,6 +198,7 @@ class _Monitor:
             changed[one.link_name] = changed.get(one.link_name, False) or one.scale != 1.0
         padded = self.scene.padded - changed.keys() | {name for name, is_so in changed.items() if is_so}
         self.scene = replace(self.scene, padded=padded)
+        _warn_of_base(message.robot_state.multi_dof_joint_state)
         state = message.robot_state.joint_state
         joints = dict(zip(state.name, map(float, state.position), strict=False))
         self.scene = replace(self.scene, joints={**self.scene.joints, **joints})
@@ -241,11 +259,25 @@ class _Monitor:
         own, there = object_of(message.object), self.objects.pop(name, None)
         if not own.shapes and there is not None:
             own = there
+            self.taken_at[name] = dict(self.scene.joints)
         elif int(message.object.operation) == APPEND and name in self.attached:
             before = self.attached[name].object
             own = before._replace(shapes=before.shapes + own.shapes)
         if own.shapes:
             self.attached[name] = AttachedObject(own, link, tuple(message.touch_links), float(message.weight))
+
+
+def _warn_of_base(state: Any) -> None:
+    """Warn of floating and planar joints that place the robot away from the origin."""
+    for name, transform in zip(state.joint_names, state.transforms, strict=False):
+        at, turn = transform.translation, transform.rotation
+        if max(abs(at.x), abs(at.y), abs(at.z)) > MOVED or abs(turn.w) < 1.0 - MOVED:
+            warnings.warn(
+                f"the joint '{shortened(name)}' places the robot at ({at.x:g}, {at.y:g}, {at.z:g}) m, which is not "
+                "read: have the robot's description place its base there",
+                ComoveWarning,
+                stacklevel=2,
+            )
 
 
 def _applied(messages: list[tuple[str, Any]], path: Path) -> PlanningScene:
@@ -265,6 +297,7 @@ def _applied(messages: list[tuple[str, Any]], path: Path) -> PlanningScene:
         warnings.warn(message, ComoveWarning, stacklevel=2)
     for kind, message in messages:
         apply[kind](message)
+    monitor.require_still()
     scene, objects = monitor.scene, tuple(monitor.objects.values())
     frames = {one.frame for one in objects}
     if not scene.frame and len(frames) == 1:
