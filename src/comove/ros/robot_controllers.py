@@ -147,7 +147,7 @@ class JointServer:
         """Return desired and measured joints and their difference, as an order."""
         controller, fields = self.controller, ("positions", "velocities", "accelerations")
         since = max(0, now - controller.start)
-        states = {"desired": controller.desired, "actual": self._measured(), "error": controller.error}
+        states = {"desired": controller.desired, "actual": controller.actual, "error": controller.error}
         told = {
             name: {**dict(zip(fields, state.stacked().tolist(), strict=True)), "time_from_start": since}
             for name, state in states.items()

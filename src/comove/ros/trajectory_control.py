@@ -308,7 +308,7 @@ class TrajectoryController:
         self.joints, self.period, self.moving_end = tuple(joints), period, moving_end
         self.own = tolerances or ControlTolerances(none, none)
         self.goal: TrajectoryGoal | None = None
-        self.desired = self.error = JointState(np.array(position, dtype=float)).or_still()
+        self.desired = self.actual = self.error = JointState(np.array(position, dtype=float)).or_still()
         self._held = self.desired
         self._trajectory: Trajectory | None = None
         self._tolerances = self.own
@@ -349,11 +349,10 @@ class TrajectoryController:
         now : the robot's time [ns]
         present : measured state
         """
+        self.desired = self._held if self._trajectory is None else self._trajectory.at(now)
+        self.actual, self.error = present, _difference(self.desired, present)
         if self._trajectory is None:
-            self.desired, self.error = self._held, _difference(self._held, present)
             return self._held, []
-        self.desired = self._trajectory.at(now)
-        self.error = _difference(self.desired, present)
         ends = [] if self.goal is None else self._checked(now, present)
         self._is_first = False
         if self._trajectory is None:
