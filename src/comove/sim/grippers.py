@@ -22,6 +22,7 @@ from comove.sim.loads import points_of
 from comove.sim.world import SimulatedWorld
 
 CLOSING = 0.5  # s, in which a gripper closes
+RESTING = 1e-3  # m/s or rad/s, below which a finger rests
 GRIPPING = 0.3  # s, in which fingers then gain their force
 NEAR = 0.01  # m, by which a gripper may miss the payload's grasp, or the payload its place
 
@@ -60,6 +61,12 @@ class Grippers:
     grasp : model of the grasp
     travel : travel of the fingers, None where none move
     closed : whether the grippers hold the payload at first; otherwise they are open, and a fixture holds it
+
+    Attributes
+    ----------
+    by_arm : the grippers
+    words : what they did, in words, until somebody clears it
+    dropped : releases of the payload elsewhere than at its start and goal, in words
     """
 
     def __init__(
@@ -79,7 +86,7 @@ class Grippers:
         self.by_arm = {
             arm: Gripper(share, share, holds=closed and arm in holders) for arm in scene.manipulators
         }
-        self.words = list[str]()
+        self.words, self.dropped = list[str](), list[str]()
 
     @property
     def all_hold(self) -> bool:
@@ -134,14 +141,18 @@ class Grippers:
             gripper = self.by_arm[holder.name]
             if gripper.holds and not gripper.closes:
                 if self.all_hold:
-                    self._release(time)
+                    self._release(holder.name, time)
                 gripper.holds = False
                 self._grasp.hold(self._world, self._data, holder, holds=False)
                 self._say(time, f"the gripper of '{holder.name}' opens")
-            elif gripper.closes and gripper.share == gripper.wanted and not gripper.settled:
-                self._close(number, time)
-        for gripper in self.by_arm.values():
-            gripper.settled = gripper.settled or gripper.share == gripper.wanted
+            arrived = gripper.share == gripper.wanted
+            if arrived and not gripper.settled and (not gripper.closes or self._is_there(number)):
+                gripper.settled = True
+                if gripper.closes and not gripper.holds:
+                    self._close(number, time)
+        for arm in self.by_arm.keys() - set(self._holders()):
+            gripper = self.by_arm[arm]
+            gripper.settled = gripper.share == gripper.wanted
         if self._is_fixed and self.all_hold and all(self.is_done(arm, time) for arm in self._holders()):
             let_go(self._world, self._data)
             self._is_fixed = False
@@ -162,8 +173,6 @@ class Grippers:
         """Let a closed gripper hold the payload, if it is there."""
         holder = self._world.holders[number]
         gripper = self.by_arm[holder.name]
-        if gripper.holds:
-            return
         apart = self._data.site_xpos[holder.site] - self._data.site_xpos[holder.held]
         off = float(np.linalg.norm(apart))
         gripper.holds = off <= NEAR if self._travel is None else self._touches(number)
@@ -173,6 +182,14 @@ class Grippers:
         what = "the payload" if gripper.holds else f"nothing: the payload's grasp is {1e3 * off:.0f} mm away"
         self._say(time, f"the gripper of '{holder.name}' has closed on {what}")
 
+    def _is_there(self, number: int) -> bool:
+        """Return whether closing fingers touch the payload or rest."""
+        if self._travel is None or self._touches(number):
+            return True
+        fingers = self._world.holders[number].fingers
+        speeds = [abs(self._data.qvel[self._world.model.joint(finger).dofadr[0]]) for finger in fingers]
+        return max(speeds, default=0.0) < RESTING
+
     def _touches(self, number: int) -> bool:
         """Return whether a hand touches the payload."""
         of_hand = self._world.hand_of_geom == number
@@ -180,8 +197,8 @@ class Grippers:
         first, second = self._data.contact.geom.T
         return bool((of_hand[first] & of_load[second] | of_hand[second] & of_load[first]).any())
 
-    def _release(self, time: float) -> None:
-        """Fix the payload if it is at its start or goal; else it falls."""
+    def _release(self, arm: str, time: float) -> None:
+        """Fix a payload that an arm releases at its start or goal; note another one."""
         load = self._world.load
         assert load is not None, "something was held"
         grasps = points_of(self._world.load_pose(self._data)[None], load.grasps)[0]
@@ -195,4 +212,8 @@ class Grippers:
             self._is_fixed = True
             self._say(time, f"the payload is released at its {where}")
         else:
-            self._say(time, f"the payload is released {1e3 * off['goal']:.0f} mm from its goal, and falls")
+            dropped = (
+                f"the load was released by '{arm}' {1e3 * off['goal']:.0f} mm from its goal at {time:.2f} s"
+            )
+            self.dropped.append(dropped)
+            self._say(time, dropped)

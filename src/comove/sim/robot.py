@@ -153,9 +153,12 @@ class SimulatedRobot:
 
     def report(self) -> RobotReport:
         """Return what was carried so far."""
-        contacts = contacts_of(self._world, self._contacts)
+        found = [f"the simulation broke down at {self.time:.2f} s"] if self.is_broken else []
         return self._record.report(
-            contacts, self._world.load_pose(self._data), self.position, self.time if self.is_broken else None
+            contacts_of(self._world, self._contacts),
+            self._world.load_pose(self._data),
+            self.position,
+            (*found, *self._grippers.dropped),
         )
 
     def _bearing(self) -> Array:

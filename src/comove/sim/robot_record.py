@@ -143,7 +143,7 @@ class RobotRecord:
             self._largest[name] = max(self._largest.get(name, 0.0), float(value))
 
     def report(
-        self, contacts: tuple[Contact, ...], load_pose: Array, joints: Array, unstable: float | None
+        self, contacts: tuple[Contact, ...], load_pose: Array, joints: Array, known: tuple[str, ...]
     ) -> RobotReport:
         """Measure what was written last; return all measures.
 
@@ -151,7 +151,7 @@ class RobotRecord:
         ----------
         contacts : unwanted contacts so far
         load_pose, joints : present pose of the payload, shape (4, 4), and measured joints, shape (n_joints,) [rad]
-        unstable : time at which the simulation broke down [s]; None if it did not
+        known : reasons that are known already
         """
         self._flush()
         end_error = self._from_goal(load_pose, joints)
@@ -159,7 +159,7 @@ class RobotRecord:
         return RobotReport(
             {**measures, "end_error": end_error},
             contacts,
-            tuple(self._reasons(contacts, end_error, unstable)),
+            (*known, *self._reasons(contacts, end_error)),
             without_gripper(self._robot),
         )
 
@@ -171,10 +171,9 @@ class RobotRecord:
             goal = self._scene.nodes_at("goal")[list(self._load.holders)]
         return float(np.linalg.norm(places - goal, axis=1).max())
 
-    def _reasons(self, contacts: tuple[Contact, ...], end_error: float, unstable: float | None) -> list[str]:
+    def _reasons(self, contacts: tuple[Contact, ...], end_error: float) -> list[str]:
         limits, what = self._conditions.settings, "a hand" if self._load is None else "the load"
-        found = [] if unstable is None else [f"the simulation broke down at {unstable:.2f} s"]
-        found += [contact.words for contact in contacts]
+        found = [contact.words for contact in contacts]
         if not self._has_carried:
             found.append("the load was never held by all hands")
         for hand in () if self._load is None else self._load.holders:
