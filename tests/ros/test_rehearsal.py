@@ -322,7 +322,7 @@ def test_a_payload_is_approached_carried_and_released(alone, verified, transfers
     assert report.delivered, (report.reasons, said)
     words = "\n".join(said)
     assert words.count("has closed on the payload") == 2
-    assert "all hands hold the payload" in words and "the payload is released at its goal" in words
+    assert "all grippers hold the payload" in words and "the payload is released at its goal" in words
     assert report.measures["end_error"] < 3e-3
 
 
@@ -339,7 +339,7 @@ def test_a_gripper_that_closes_on_nothing_has_not_stalled(alone, verified):
     assert result["status"] == SUCCEEDED and result["reached_goal"] and not result["stalled"]
     assert result["position"] == pytest.approx(0.0, abs=1e-3)
     assert any("has closed on nothing" in text for text in said)
-    assert "the load was never held by all hands" in robot.report().reasons
+    assert "the payload was never held by all grippers" in robot.report().reasons
     assert {"left_finger", "right_finger"} <= set(found["states"][0]["names"])
 
 

@@ -84,7 +84,7 @@ def test_a_payload_that_is_released_on_the_way_falls(known):
     assert not robot.report().contacts
     grip(robot, 0.0)
     report = robot.report()
-    assert "the load was released by 'left'" in report.reasons[0]
+    assert "the payload was released by 'left'" in report.reasons[0]
     assert report.reasons[0] in " ".join(robot.news())
     assert any(contact.between[0] == "the load" for contact in report.contacts)  # with the table
 
@@ -98,7 +98,7 @@ def test_one_open_gripper_is_not_enough(known):
     follow(robot, motion, start=3.0)
     assert robot.holds("right") and not robot.holds("left")
     (reason,) = robot.report().reasons
-    assert "the load was released by 'left'" in reason and "at 3.00 s" in reason
+    assert "the payload was released by 'left'" in reason and "at 3.00 s" in reason
 
 
 @pytest.mark.parametrize("grasp", GRASPS, ids=["weld", "friction"])
@@ -107,11 +107,11 @@ def test_a_payload_is_gripped_where_it_lies(known, grasp):
     start = motion.position[0]
     robot = SimulatedRobot(motion, posts(), arms, grasp, present=start)
     wait(robot, 0.5)
-    assert robot.report().reasons[0] == "the load was never held by all hands"
+    assert robot.report().reasons[0] == "the payload was never held by all grippers"
     assert not robot.holds("left") and robot.closed_share("left") == pytest.approx(0.0, abs=0.02)
     grip(robot, 1.0)
     told = " ".join(robot.news())
-    assert told.count("has closed on the payload") == 2 and "all hands hold the payload" in told
+    assert told.count("has closed on the payload") == 2 and "all grippers hold the payload" in told
     assert robot.has_gripped("left") and robot.holds("left") and robot.holds("right")
     follow(robot, motion)
     report = robot.report()

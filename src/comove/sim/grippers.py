@@ -156,7 +156,7 @@ class Grippers:
         if self._is_fixed and self.all_hold and all(self.is_done(arm, time) for arm in self._holders()):
             let_go(self._world, self._data)
             self._is_fixed = False
-            self._say(time, "all hands hold the payload")
+            self._say(time, "all grippers hold the payload")
 
     def _holders(self) -> Sequence[str]:
         return [holder.name for holder in self._world.holders]
@@ -212,8 +212,6 @@ class Grippers:
             self._is_fixed = True
             self._say(time, f"the payload is released at its {where}")
         else:
-            dropped = (
-                f"the load was released by '{arm}' {1e3 * off['goal']:.0f} mm from its goal at {time:.2f} s"
-            )
+            dropped = f"the payload was released by '{arm}' {1e3 * off['goal']:.0f} mm from its goal at {time:.2f} s"
             self.dropped.append(dropped)
             self._say(time, dropped)

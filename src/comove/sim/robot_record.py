@@ -175,7 +175,7 @@ class RobotRecord:
         limits, what = self._conditions.settings, "a hand" if self._load is None else "the load"
         found = [contact.words for contact in contacts]
         if not self._has_carried:
-            found.append("the load was never held by all hands")
+            found.append("the payload was never held by all grippers")
         for hand in () if self._load is None else self._load.holders:
             if (since := self._since.get(f"slip {hand}")) is not None:
                 found.append(
