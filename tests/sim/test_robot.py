@@ -137,6 +137,9 @@ def test_fingers_without_force_hold_nothing(known):
     grip(robot, 1.0, effort=0.1)
     wait(robot, 1.0)
     assert robot.holds("left") and robot.holds("right")
+    grip(robot, 1.0)
+    assert np.ptp(robot._world.model.actuator_forcerange[robot._grippers._travel.servos], axis=1).min() > 1.0
+    grip(robot, 1.0, effort=0.1)
     follow(robot, motion, 2.0)
     assert any("slid" in reason for reason in robot.report().reasons)
 

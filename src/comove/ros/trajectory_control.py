@@ -331,7 +331,7 @@ class TrajectoryController:
         return replaced
 
     def cancel(self, number: str, present: JointState) -> list[GoalEnd]:
-        """End the goal of a number, if active, and hold the present positions."""
+        """End the active goal by its number, and hold the present positions."""
         if self.goal is None or self.goal.number != number:
             return []
         self.hold(present.position)

@@ -103,9 +103,8 @@ class Grippers:
         """Close an arm's gripper by a share, with a largest effort [N]; 0 for its own."""
         gripper = self.by_arm[arm]
         gripper.wanted, gripper.settled = float(np.clip(share, 0.0, 1.0)), False
-        if effort > 0.0 and self._travel is not None and (own := self._fingers(arm)):
-            limits = self._travel.force[own]
-            force = np.minimum(effort, limits)
+        if self._travel is not None and (own := self._fingers(arm)):
+            force = np.minimum(effort if effort > 0.0 else np.inf, self._travel.force[own])
             self._world.model.actuator_forcerange[self._travel.servos[own]] = np.stack(
                 [-force, force], axis=1
             )
