@@ -12,6 +12,7 @@ from comove.errors import printable
 if TYPE_CHECKING:
     from comove.dmp import Primitive
     from comove.model import Scene
+    from comove.sim.robot_record import RobotReport
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 DRAWN = (".png", ".gif", ".mp4")
@@ -137,6 +138,21 @@ def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "")
         *pictures_row(folder, "simulation"),
     ]
     return "\n".join([printable(head), *listed(summary["reasons"]), *in_rows(rows)])
+
+
+def rehearsal_text(report: RobotReport, scene: str, robot: str, grasp: str) -> str:
+    """Return a readable summary of what a simulated robot did."""
+    from comove.stored import gripper_rows, simulation_rows
+
+    verdict = "delivered" if report.delivered else "NOT DELIVERED"
+    contacts = "; ".join(contact.words for contact in report.contacts) or "none"
+    rows = [
+        *simulation_rows(report.measures),
+        ("contacts", contacts, ""),
+        *gripper_rows(report.without_gripper),
+    ]
+    head = f"{scene}, {robot}, {grasp}: {verdict}"
+    return "\n".join([printable(head), *listed(report.reasons), *in_rows(rows)])
 
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:

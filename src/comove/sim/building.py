@@ -14,7 +14,7 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.sim.engine import THE_LOAD, below, engine, hangs_on
-from comove.sim.grasps import GraspModel
+from comove.sim.grasps import STILL, GraspModel, add_constraint
 from comove.sim.loads import Load
 from comove.sim.servos import add_servos
 from comove.sim.settings import PLAN, Perturbation
@@ -56,6 +56,7 @@ def build_world(
     lead = add_servos(spec, robot, perturbation.gains)
     if load is not None:
         add_load(spec, load, load.mass * perturbation.mass, holding)
+        add_constraint(spec, STILL, "WELD", "BODY", "world", THE_LOAD)
         grasp.furnish(spec, holding, perturbation.friction)
         if not grasp.touching:
             _let_hands_through(spec, robot, holding)

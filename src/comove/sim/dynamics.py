@@ -21,6 +21,7 @@ from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor
 from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
 from comove.sim.world import (
     THE_LOAD,
+    Holder,
     SimulatedWorld,
     lower_floor,
     move_obstacles,
@@ -103,14 +104,19 @@ def at_start(
 
 def _move_grasps(world: SimulatedWorld, data: Any) -> None:
     """Move the payload's sites to the end effectors."""
-    mj, model = engine(), world.model
     if world.load is None:
         return
-    load, turned = world.load_body, data.xmat[world.load_body].reshape(3, 3)
-    for _, hand, held, _ in world.holders:
-        model.site_pos[held] = turned.T @ (data.site_xpos[hand] - data.xpos[load])
-        mj.mju_mat2Quat(model.site_quat[held], (turned.T @ data.site_xmat[hand].reshape(3, 3)).ravel())
-        model.site_sameframe[held] = 0
+    for holder in world.holders:
+        move_grasp(world, data, holder)
+
+
+def move_grasp(world: SimulatedWorld, data: Any, holder: Holder) -> None:
+    """Move a grasp on the payload to its end effector."""
+    model, load, (_, hand, held, _) = world.model, world.load_body, holder
+    turned = data.xmat[load].reshape(3, 3)
+    model.site_pos[held] = turned.T @ (data.site_xpos[hand] - data.xpos[load])
+    engine().mju_mat2Quat(model.site_quat[held], (turned.T @ data.site_xmat[hand].reshape(3, 3)).ravel())
+    model.site_sameframe[held] = 0
 
 
 def _run(
@@ -135,7 +141,7 @@ def _run(
     carrying = payload.at(position[::limiting], velocity[::limiting], acceleration[::limiting])
     push, pushed = _push(world, motion, perturbation, time)
     places, turns = moving_poses(scene, obstacle_time(time, motion.duration))
-    log, unstable = _Log(world, n_steps // every + 1), None
+    log, unstable = Log(world, n_steps // every + 1), None
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     began = perf_counter()
     for step in range(n_steps + 1):
@@ -227,7 +233,7 @@ def contacts_of(
     return tuple(told.values())
 
 
-class _Log:
+class Log:
     """Log of measured quantities, in arrays allocated in advance."""
 
     def __init__(self, world: SimulatedWorld, n_steps: int):

@@ -54,6 +54,12 @@ class Contact:
     time: float
     depth: float
 
+    @property
+    def words(self) -> str:
+        """Return a description."""
+        first, second = self.between
+        return f"{first} touched {second} at {self.time:.2f} s, {1e3 * self.depth:.1f} mm deep at most"
+
 
 @dataclass(frozen=True)
 class Conditions:
@@ -236,11 +242,7 @@ class Execution:
                 f"the load was {1e3 * self.start_error:.1f} mm from its place when the motion began: the hands "
                 "did not hold it"
             )
-        for contact in self.contacts:
-            found.append(
-                f"{contact.between[0]} touched {contact.between[1]} at {contact.time:.2f} s, "
-                f"{1e3 * contact.depth:.1f} mm deep at most"
-            )
+        found += [contact.words for contact in self.contacts]
         for hand, slip in zip(self.holders, self.slip.T, strict=True):
             found += _slipped(self.scene.manipulators[hand], self.time, slip, limits.slip_limit)
         force = np.linalg.norm(self.internal[..., :3], axis=-1)

@@ -14,14 +14,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from comove.arrays import Array, Integers
 from comove.errors import RobotError
 from comove.robots.model import Arm
-from comove.sim.engine import STIFF, THE_LOAD, add_servo, below, engine, hangs_on
+from comove.sim.engine import STIFF, add_servo, below, engine, hangs_on
 from comove.sim.loads import THINNEST
 from comove.sim.settings import require_finite
 
 if TYPE_CHECKING:
-    from comove.sim.world import SimulatedWorld
+    from comove.sim.world import Holder, SimulatedWorld
+
+STILL = "still"  # constraint that fixes the payload
 
 
 def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second: str) -> None:
@@ -68,6 +71,23 @@ class GraspModel(ABC):
     def close(self, world: SimulatedWorld, data: Any) -> None:
         """Grasp the payload with the end effectors at it."""
 
+    def hold(self, world: SimulatedWorld, data: Any, holder: Holder, *, holds: bool = True) -> None:
+        """Connect one end effector to the payload, or end that; nothing where fingers do."""
+        return
+
+
+def hold_still(world: SimulatedWorld, data: Any) -> None:
+    """Fix the payload where it is."""
+    still = world.model.equality(STILL).id
+    pose = np.concatenate([data.xpos[world.load_body], data.xquat[world.load_body]])
+    world.model.eq_data[still, :10] = [0.0, 0.0, 0.0, *pose]  # the anchor in the load, and where the load is
+    data.eq_active[still] = 1
+
+
+def let_go(world: SimulatedWorld, data: Any) -> None:
+    """Release a payload that is fixed."""
+    data.eq_active[world.model.equality(STILL).id] = 0
+
 
 class _Fixed(GraspModel):
     """Grasp by a constraint; base of welds and links."""
@@ -84,7 +104,11 @@ class _Fixed(GraspModel):
     def close(self, world: SimulatedWorld, data: Any) -> None:
         """Activate the constraints, at the present poses of the end effectors."""
         for holder in world.holders:
-            data.eq_active[world.model.equality(f"grasp {holder.name}").id] = 1
+            self.hold(world, data, holder)
+
+    def hold(self, world: SimulatedWorld, data: Any, holder: Holder, *, holds: bool = True) -> None:
+        """Activate the constraint of one end effector, or end it; see `GraspModel`."""
+        data.eq_active[world.model.equality(f"grasp {holder.name}").id] = holds
 
 
 @dataclass(frozen=True)
@@ -99,6 +123,29 @@ class Connect(_Fixed):
     """Grasp that fixes a common point, about which both may rotate."""
 
     kind: ClassVar[str] = "CONNECT"
+
+
+@dataclass(frozen=True, eq=False)
+class FingerTravel:
+    """Travel of all fingers that move; arrays of shape (n_fingers,) [rad or m].
+
+    Attributes
+    ----------
+    servos : indices of their servos
+    opened, closed : positions of open and closed fingers
+    beyond : references of closed fingers, behind the limit
+    force : their largest forces or torques [N, N m]
+    """
+
+    servos: Integers
+    opened: Array
+    closed: Array
+    beyond: Array
+    force: Array
+
+    def at(self, share: float | Array) -> Array:
+        """Return the references of fingers that are closed by a share."""
+        return self.opened + share * (self.beyond - self.opened)
 
 
 @dataclass(frozen=True)
@@ -147,7 +194,6 @@ class Friction(GraspModel):
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
         """Add finger servos, couplings that centre the payload, and friction."""
         spin = (0.005, 0.0001)  # friction against spinning and rolling [m]
-        add_constraint(spec, "still", "WELD", "BODY", "world", THE_LOAD)
         for finger in self.moving(arms):
             self._drive(spec, finger)
             for body in below(spec.joint(finger).parent):
@@ -182,7 +228,16 @@ class Friction(GraspModel):
         RobotError
             If the payload is wider than a gripper opens.
         """
-        closing = 0.5  # s, in which fingers close, and in which they then grip
+        self.grip(world, data, self.open(world, data))
+
+    def open(self, world: SimulatedWorld, data: Any) -> FingerTravel:
+        """Open the fingers; return their travel.
+
+        Raises
+        ------
+        RobotError
+            If the payload is wider than a gripper opens.
+        """
         beyond = 0.005  # m, behind its limit, to which a finger is sent
         mj, model = engine(), world.model
         fingers = world.fingers
@@ -195,17 +250,21 @@ class Friction(GraspModel):
         mj.mj_forward(model, data)
         _require_room(world, data)
         _couple(world, data, dict(zip(fingers, zip(opened, closed, strict=True), strict=True)))
-        still = model.equality("still").id
-        pose = np.concatenate([data.xpos[world.load_body], data.xquat[world.load_body]])
-        model.eq_data[still, :10] = [0.0, 0.0, 0.0, *pose]  # the anchor in the load, and where the load is
-        data.eq_active[still] = 1
-        servos = [model.actuator(finger).id for finger in fingers]
+        servos = np.array([model.actuator(finger).id for finger in fingers])
+        force = model.actuator_forcerange[servos, 1].copy()
+        return FingerTravel(servos, opened, closed, closed + beyond * inward, force)
+
+    def grip(self, world: SimulatedWorld, data: Any, travel: FingerTravel) -> None:
+        """Close the open fingers on the fixed payload, then release the payload."""
+        closing = 0.5  # s, in which fingers close, and in which they then grip
+        mj, model = engine(), world.model
+        hold_still(world, data)
         n_steps = round(closing / model.opt.timestep)
         for share in np.linspace(0.0, 1.0, n_steps):
-            data.ctrl[servos] = opened + share * (closed + beyond * inward - opened)
+            data.ctrl[travel.servos] = travel.at(share)
             mj.mj_step(model, data)
         mj.mj_step(model, data, n_steps)
-        data.eq_active[still] = 0
+        let_go(world, data)
 
 
 GRASPS: dict[str, type[Weld] | type[Connect] | type[Friction]] = {
