@@ -171,7 +171,7 @@ class _Monitor:
     """Joints at which objects were attached that lay in the world."""
 
     def require_still(self) -> None:
-        """Refuse objects that were taken from the world, and that the robot then moved.
+        """Refuse objects that the robot moved after it took them.
 
         Their poses on its links are those of that instant, which no message holds.
         """
@@ -268,7 +268,7 @@ class _Monitor:
 
 
 def _warn_of_base(state: Any) -> None:
-    """Warn of floating and planar joints that place the robot away from the origin."""
+    """Warn of joints that place the robot away from the origin."""
     for name, transform in zip(state.joint_names, state.transforms, strict=False):
         at, turn = transform.translation, transform.rotation
         if max(abs(at.x), abs(at.y), abs(at.z)) > MOVED or abs(turn.w) < 1.0 - MOVED:
