@@ -221,7 +221,7 @@ def test_a_server_that_hangs_stops_the_other_arm(robot, brief):
 
     thread = threading.Thread(target=hang)
     thread.start()
-    fails(client, brief, "said nothing for|it left the graph", path=10.0)
+    fails(client, brief, "said nothing for|it left the graph|its feedback has stopped", path=10.0)
     thread.join()
     servers["right"].wait_for("stopped")
 
