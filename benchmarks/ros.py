@@ -63,6 +63,7 @@ class Run:
     ros, motion, servers : version of ROS, motion, and the servers' processes by arm
     failed : time of the fault [s]
     victim : arm that has the fault; empty if none
+    began : whether a goal has come, so that arms may move
     """
 
     ros: Ros
@@ -77,11 +78,13 @@ class Run:
     told: list[float] = field(default_factory=list)
     stood: list[float] = field(default_factory=list)
     moved_on: int = 0
+    began: bool = False
 
     def wait_for_middle(self) -> None:
         """Wait until the motion is somewhere in its middle."""
         for server in self.servers.values():
             server.wait_for("goal", 60.0)
+            self.began = True
         time.sleep(TOLERANCES.delay + self.rng.uniform(*MIDDLE) * self.motion.joints.duration)
 
     def send(self, client: object) -> None:
@@ -102,6 +105,8 @@ class Run:
                 with suppress(queue.Empty):
                     events.append(server.events.get(timeout=0.05))
             at = {event["event"]: event["at"] for event in events}
+            if not self.began and "goal" not in at:
+                continue
             if "cancel" in at:
                 self.told.append(at["cancel"] - self.failed)
             if rested := [at[name] for name in RESTING if name in at]:
@@ -155,9 +160,10 @@ def in_middle(fault: Callable[[Run, object], None]) -> Callable[[Run], None]:
         with this.ros.client() as client:
 
             def fail() -> None:
-                this.wait_for_middle()
-                this.failed = time.monotonic()
-                fault(this, client)
+                with suppress(queue.Empty):  # it was not sent
+                    this.wait_for_middle()
+                    this.failed = time.monotonic()
+                    fault(this, client)
 
             failing = threading.Thread(target=fail)
             failing.start()

@@ -17,7 +17,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +27,7 @@ from comove.ros.clients import MIDDLEWARES, RosClient
 
 HERE = Path(__file__).parent
 VENVS = Path(os.environ.get("COMOVE_TEST_ROS2", HERE.parents[1] / ".venv-ros2"))
+DOMAINS = 42100  # first of the ports that stand for domains of ROS 2
 STARTING = 15.0  # s, that a master may need
 QUICK = HERE / "quick.xml"  # a profile of Fast DDS, with which nodes find each other at once
 
@@ -101,11 +102,22 @@ def ros_master() -> Iterator[dict[str, str]]:
 def dds_domain(*, quick: bool = True) -> Iterator[dict[str, str]]:
     """Lend the environment of a domain of ROS 2 on loopback.
 
-    A killed process would leave files of shared memory. A `quick` domain finds nodes, and their ends, sooner.
+    A killed process would leave files of shared memory. A `quick` domain finds nodes, and their ends, sooner. A port
+    keeps others from the same domain.
     """
-    yield {
+    with socket.socket() as held:
+        while True:
+            domain = random.SystemRandom().randrange(1, 100)
+            with suppress(OSError):
+                held.bind(("127.0.0.1", DOMAINS + domain))
+                break
+        yield _environment(domain, quick)
+
+
+def _environment(domain: int, quick: bool) -> dict[str, str]:
+    return {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(random.SystemRandom().randrange(1, 100)),
+        "ROS_DOMAIN_ID": str(domain),
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
         **(
             {f"{name}_DEFAULT_PROFILES_FILE": str(QUICK) for name in ("FASTDDS", "FASTRTPS")} if quick else {}
