@@ -54,7 +54,8 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_collection_finish(session):
     """Search for garbage in all that comes; where many tests are shared out, share out what they compile as well."""
     gc.collect()
-    gc.freeze()
+    gc.freeze()  # all of it joins the oldest generation; what stays frozen is counted at every compilation
+    gc.unfreeze()
     gc.enable()
     if len(session.items) > MANY:
         from tests.warming import warm_up

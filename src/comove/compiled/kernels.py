@@ -169,6 +169,9 @@ class Kernel(_Compiled):
 
     def compile(self, sig: Any) -> Any:
         """Return the function compiled for types of arguments."""
+        known = self.overloads.get(sig) if isinstance(sig, tuple) else None
+        if known is not None:  # as for every call whose arguments have to be converted
+            return known.entry_point
         with uncollected():
             return super().compile(sig)
 

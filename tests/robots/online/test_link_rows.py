@@ -166,3 +166,15 @@ def test_what_is_left_out_holds_whatever_the_joints_do(near, seed):
         worst = (np.where(row[n:] > 0.0, least, largest) * row[n:]).sum()
         of_load = row[:n].any()
         assert (key in kept) == (of_load or worst < lowest)
+
+
+def test_large_tuples_enter_no_compiler_again(monkeypatch):
+    """Numba's dispatcher asks for their types at every call, as at the first."""
+    _, q, poses = at_start()
+    found = distances(q, poses)
+
+    def never():
+        raise AssertionError("it entered the compiler")
+
+    monkeypatch.setattr("comove.compiled.kernels.uncollected", never)
+    assert (distances(q, poses) == found).all()
