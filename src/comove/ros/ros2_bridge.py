@@ -543,19 +543,26 @@ def require_names(names):
             raise Refused("name", name, [str(error).splitlines()[0]]) from None
 
 
-def main():
-    tell = Teller()
+def missing():
+    """Return the reason and the text of an import that fails; None if all is there."""
     try:
         import rclpy  # noqa: F401
         import sensor_msgs.msg  # noqa: F401
         import trajectory_msgs.msg  # noqa: F401
     except ImportError as error:
-        tell("refused", reason="ros", what=str(error))
-        return
+        return "ros", str(error)
     try:
         import control_msgs.action  # noqa: F401
     except ImportError as error:
-        tell("refused", reason="control_msgs", what=str(error))
+        return "control_msgs", str(error)
+    return None
+
+
+def main():
+    tell = Teller()
+    if (refused := missing()) is not None:
+        tell("refused", reason=refused[0], what=refused[1])
+        tell.close()
         return
 
     def end(*_):
