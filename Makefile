@@ -30,7 +30,7 @@ test-all: $(VENV)/dev.stamp  ## the slow tests as well, with all random examples
 	$(BIN)/python -m pytest $(PARALLEL) -m "not release" --hypothesis-profile=thorough
 
 ros2: $(VENV)/dev.stamp ros2-wheels  ## motions sent over ROS 2, of two distributions, to robots on loopback
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile -m "not release" tests/ros
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/ros
 
 ros2-wheels: $(ROS2)/jazzy.stamp $(ROS2)/kilted.stamp
 
