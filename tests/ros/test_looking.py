@@ -65,8 +65,9 @@ def test_without_ros_doctor_says_what_is_missing(monkeypatch):
     with pytest.raises(SendError, match="no Python here has ROS 2"):
         look()
     assert invoke("doctor", "--ros", "2").exit_code == 2
-    refused = invoke("doctor", "--ros", "1")
-    assert refused.exit_code == 2 and "give --ros 2" in refused.stderr
+    for words in (("--ros", "1"), ("--joint-states", "/joint_states")):
+        refused = invoke("doctor", *words)
+        assert refused.exit_code == 2 and "give --ros 2" in refused.stderr
 
 
 def test_doctor_tells_what_is_installed():

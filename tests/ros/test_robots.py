@@ -27,7 +27,7 @@ from comove.ros import (
     parts_of,
     send,
 )
-from comove.ros.bridges import Bridge, awaited
+from comove.ros.bridges import BridgeProcess, awaited
 from comove.ros.clients import MIDDLEWARES, ROS1
 from tests.ros.robots import JAZZY, KILTED, NOETIC, Process
 
@@ -36,6 +36,7 @@ LOAD = max(
     1.0, os.getloadavg()[0] / n_processors()
 )  # by how much all is slower than on a machine of one's own
 SOON = 0.1 * LOAD  # s, until all arms must have stopped
+GRIPPER = RosGripper(action="/{arm}_gripper/grip", open=0.04, closed=0.0)
 GRIPPERS = [
     "gripper_command",
     *(
@@ -75,8 +76,10 @@ def robot(network, brief, monkeypatch):
         monkeypatch.setenv(key, value)
     with ExitStack() as running:
 
-        def start(off=None, states=True, arms=("left", "right"), at=None, settings=None, **faults):
-            at = at or dict(zip(brief.robot.joint_names, brief.joints.position[0], strict=True))
+        def start(joints=None, off=None, arms=("left", "right"), gripper=None, states=True, **faults):
+            """The arms stand where a joint motion begins, the brief one's unless given."""
+            joints, kind = joints or brief.joints, None if gripper is None else gripper.type
+            at = dict(zip(joints.joint_names, joints.position[0].tolist(), strict=True))
             servers = {}
             for arm in arms:
                 position = {
@@ -84,11 +87,13 @@ def robot(network, brief, monkeypatch):
                     for name, value in at.items()
                     if name.startswith(arm)
                 }
-                server = ros.server(arm, position, environment, fault=faults.get(arm), states=states)
+                server = ros.server(
+                    arm, position, environment, fault=faults.get(arm), states=states, gripper=kind
+                )
                 servers[arm] = running.enter_context(server)
             for server in servers.values():
                 server.wait_for("ready")
-            return servers, running.enter_context(ros.client(**(settings or {})))
+            return servers, running.enter_context(ros.client(names=Names(gripper=gripper)))
 
         yield start
 
@@ -98,9 +103,8 @@ def robot(network, brief, monkeypatch):
 def test_both_arms_finish_in_step(robot, name, request):
     """A short part of a carry, and a whole one. Processes are as late as a machine is busy: the best try counts."""
     motion = request.getfixturevalue(name)
-    at = dict(zip(motion.robot.joint_names, motion.joints.position[0], strict=True))
     for left in reversed(range(TRIES)):
-        servers, client = robot(at=at)
+        servers, client = robot(motion.joints)
         outcome = send(client, motion, tolerances=BRIEF)
         stamps = {arm: server.wait_for("goal")["stamp"] for arm, server in servers.items()}
         ends = [server.wait_for("done")["at"] for server in servers.values()]
@@ -132,47 +136,31 @@ def test_one_controller_of_both_arms_gets_one_goal(network, brief, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", GRIPPERS)
-@pytest.mark.parametrize("ros", versions(KILTED))
-def test_grippers_close_at_the_end_of_the_approach(ros, kind, verified, transfers, monkeypatch):
-    gripper = RosGripper(type=kind, action="/{arm}_gripper/grip", open=0.04, closed=0.0, joint="{arm}_finger")
-    first, approach = transfers.approach.position[0], transfers.approach
-    at = dict(zip(approach.joint_names, first.tolist(), strict=True))
-    with ExitStack() as running:
-        environment = running.enter_context(ros.network())
-        for key, value in environment.items():
-            monkeypatch.setenv(key, value)
-        servers = {}
-        for arm in ("left", "right"):
-            position = {name: q for name, q in at.items() if name.startswith(arm)}
-            servers[arm] = running.enter_context(ros.server(arm, position, environment, gripper=kind))
-            servers[arm].wait_for("ready")
-        client = running.enter_context(ros.client(names=Names(gripper=gripper)))
-        outcome = send(client, verified, part="approach", transfers=transfers, tolerances=BRIEF)
-        assert outcome.apart < 0.2 * LOAD
-        for server in servers.values():
-            opened, goal, closed = (server.wait_for(name) for name in ("gripped", "goal", "gripped"))
-            assert opened["position"] == 0.04 and closed["position"] == 0.0
-            assert closed["at"] > goal["at"] + approach.duration - transfers.grip_time
+@pytest.mark.parametrize("network", versions(KILTED), indirect=True)
+def test_grippers_close_at_the_end_of_the_approach(robot, kind, verified, transfers):
+    approach = transfers.approach
+    servers, client = robot(
+        approach, gripper=GRIPPER.model_copy(update={"type": kind, "joint": "{arm}_finger"})
+    )
+    outcome = send(client, verified, part="approach", transfers=transfers, tolerances=BRIEF)
+    assert outcome.apart < 0.2 * LOAD
+    for server in servers.values():
+        opened, goal, closed = (server.wait_for(name) for name in ("gripped", "goal", "gripped"))
+        assert opened["position"] == 0.04 and closed["position"] == 0.0
+        assert closed["at"] > goal["at"] + approach.duration - transfers.grip_time
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ros", versions(NOETIC, KILTED))
-def test_all_parts_go_over_one_connection(ros, verified, transfers, monkeypatch):
-    at = dict(zip(transfers.approach.joint_names, transfers.approach.position[0].tolist(), strict=True))
-    with ExitStack() as running:
-        environment = running.enter_context(ros.network())
-        for key, value in environment.items():
-            monkeypatch.setenv(key, value)
-        for arm in ("left", "right"):
-            position = {name: q for name, q in at.items() if name.startswith(arm)}
-            running.enter_context(ros.server(arm, position, environment)).wait_for("ready")
-        robot = running.enter_context(connect(version=ros.version, python=ros.python))
-        bridges = set()
+@pytest.mark.parametrize("network", versions(NOETIC, KILTED), indirect=True)
+def test_all_parts_go_over_one_connection(network, robot, verified, transfers):
+    robot(transfers.approach)
+    bridges, (ros, _) = set(), network
+    with connect(version=ros.version, python=ros.python) as connected:
         for part in ("approach", "carry", "release"):
-            outcome = robot.send(verified, part=part, transfers=transfers, tolerances=BRIEF)
+            outcome = connected.send(verified, part=part, transfers=transfers, tolerances=BRIEF)
             assert outcome.deviation < BRIEF.path and outcome.apart < 0.2 * LOAD
-            bridges.add(robot.client._bridge)
-        assert len(bridges) == 1
+            bridges.add(connected.client._bridge)
+    assert len(bridges) == 1
 
 
 def fails(client, motion, message, **changes):
@@ -301,6 +289,13 @@ def test_a_missing_server_is_told(robot, brief):
     )
 
 
+@pytest.mark.parametrize("network", versions(NOETIC), indirect=True)
+def test_ros_1_says_itself_whose_time_it_is(network, robot, brief):
+    robot()
+    with network[0].client(sim_time=True) as client:
+        fails(client, brief, "the parameter use_sim_time says whose time it is; set that")
+
+
 @needs_ros1
 def test_a_missing_master_is_told(brief, monkeypatch):
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
@@ -383,8 +378,7 @@ def end_of(server, timeout=10.0):
 @pytest.mark.parametrize("network", versions(KILTED), indirect=True)
 def test_goals_that_are_looked_at_late_are_ended(robot, verified, how):
     """A server that has not looked at a goal does not know it, when it is asked to end it."""
-    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
-    servers, client = robot(at=at, left="late", right="late")
+    servers, client = robot(verified.joints, left="late", right="late")
     arms, goals = goals_of(verified)
     client.connect(arms, 10.0)
     client.send(goals, 0.3, BRIEF)
@@ -399,8 +393,7 @@ def test_goals_that_are_looked_at_late_are_ended(robot, verified, how):
 @pytest.mark.parametrize("network", versions(KILTED), indirect=True)
 def test_arms_stop_when_nobody_watches_them(robot, verified):
     """As when comove is stopped by Ctrl-Z: its bridges stay."""
-    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
-    servers, client = robot(at=at)
+    servers, client = robot(verified.joints)
     arms, goals = goals_of(verified)
     client.connect(arms, 10.0)
     client.send(goals, 0.3, BRIEF)
@@ -412,8 +405,7 @@ def test_arms_stop_when_nobody_watches_them(robot, verified):
 @pytest.mark.slow
 @pytest.mark.parametrize("network", versions(KILTED), indirect=True)
 def test_old_stamps_stop_all(robot, verified):
-    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
-    servers, client = robot(at=at, right="frozen")
+    servers, client = robot(verified.joints, right="frozen")
     fails(client, verified, "joints are told with stamps", silence=0.5, path=10.0)
     assert [end_of(server) for server in servers.values()] == ["stopped", "stopped"]
 
@@ -421,8 +413,7 @@ def test_old_stamps_stop_all(robot, verified):
 @pytest.mark.slow
 @pytest.mark.parametrize("network", versions(KILTED), indirect=True)
 def test_without_its_guard_no_arm_moves_on(robot, verified):
-    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
-    servers, client = robot(at=at)
+    servers, client = robot(verified.joints)
 
     def kill():
         for server in servers.values():
@@ -437,21 +428,11 @@ def test_without_its_guard_no_arm_moves_on(robot, verified):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ros", versions(KILTED))
-def test_arms_do_not_leave_with_grippers_that_jam(ros, verified, transfers, monkeypatch):
-    gripper = RosGripper(action="/{arm}_gripper/grip", open=0.04, closed=0.0)
-    at = dict(zip(transfers.release.joint_names, transfers.release.position[0].tolist(), strict=True))
-    with ExitStack() as running:
-        environment = running.enter_context(ros.network())
-        for key, value in environment.items():
-            monkeypatch.setenv(key, value)
-        for arm in ("left", "right"):
-            position = {name: q for name, q in at.items() if name.startswith(arm)}
-            server = ros.server(arm, position, environment, gripper="gripper_command", fault="jammed")
-            running.enter_context(server).wait_for("ready")
-        client = running.enter_context(ros.client(names=Names(gripper=gripper)))
-        with pytest.raises(SendError, match=r"the gripper of '.*' gave up: it stalled before it was open"):
-            send(client, verified, part="release", transfers=transfers, tolerances=BRIEF)
+@pytest.mark.parametrize("network", versions(KILTED), indirect=True)
+def test_arms_do_not_leave_with_grippers_that_jam(robot, verified, transfers):
+    _, client = robot(transfers.release, gripper=GRIPPER, left="jammed", right="jammed")
+    with pytest.raises(SendError, match=r"the gripper of '.*' gave up: it stalled before it was open"):
+        send(client, verified, part="release", transfers=transfers, tolerances=BRIEF)
 
 
 @pytest.mark.parametrize("ros", versions(KILTED, JAZZY))
@@ -472,7 +453,7 @@ def test_a_goal_that_comes_after_its_cancellation_is_ended(ros, monkeypatch):
         for key, value in environment.items():
             monkeypatch.setenv(key, value)
         server.wait_for("ready")
-        bridges = [Bridge(ros.python, MIDDLEWARES[2].program) for _ in range(2)]
+        bridges = [BridgeProcess(ros.python, MIDDLEWARES[2].program) for _ in range(2)]
         try:
             for bridge in bridges:
                 bridge.tell(command)

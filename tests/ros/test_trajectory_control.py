@@ -13,9 +13,9 @@ from comove.ros.trajectory_control import (
     INVALID_GOAL,
     NANO,
     PATH_TOLERANCE_VIOLATED,
+    ControlState,
     ControlTolerances,
-    JointState,
-    Trajectory,
+    GoalTrajectory,
     TrajectoryController,
     TrajectoryGoal,
     Waypoint,
@@ -26,7 +26,7 @@ from comove.ros.trajectory_control import (
 JOINTS = ("shoulder", "elbow")
 PERIOD = NANO // 500
 NOW = 1_700_000_000 * NANO
-AT_REST = JointState(np.zeros(2), np.zeros(2))
+AT_REST = ControlState(np.zeros(2), np.zeros(2))
 values = arrays(float, 2, elements=st.floats(-3.0, 3.0))
 spans = st.floats(0.01, 10.0)
 DEGREES = ["linear", "cubic", "quintic"]
@@ -35,7 +35,7 @@ DEGREES = ["linear", "cubic", "quintic"]
 def state(drawn, degree):
     """A state with the fields that a segment of a degree has."""
     fields = {"linear": 1, "cubic": 2, "quintic": 3}[degree]
-    return JointState(*drawn[:fields])
+    return ControlState(*drawn[:fields])
 
 
 def goal(*times, joints=JOINTS, stamp=0, to=1.0, **more):
@@ -51,7 +51,7 @@ def goal(*times, joints=JOINTS, stamp=0, to=1.0, **more):
 def follow(controller, seconds, *, lag=0.0, begin=NOW, until_end=True):
     """Update a controller whose joints are behind its desired ones by a lag [rad]; return times and ends."""
     told, commands, now = [], [], begin
-    present = JointState(controller.desired.position - lag, np.zeros(2))
+    present = ControlState(controller.desired.position - lag, np.zeros(2))
     while now < begin + round(seconds * NANO):
         command, ends = controller.update(now, present)
         told += [((now - begin) / NANO, end) for end in ends]
@@ -59,7 +59,7 @@ def follow(controller, seconds, *, lag=0.0, begin=NOW, until_end=True):
         if ends and until_end:
             break
         now += PERIOD
-        present = JointState(command.position - lag, np.zeros(2))
+        present = ControlState(command.position - lag, np.zeros(2))
     return told, np.array(commands)
 
 
@@ -98,7 +98,7 @@ def test_cubics_and_quintics_reproduce_cubics(coefficients, span, share):
 
     def exact(t):
         c0, c1, c2, c3 = coefficients
-        return JointState(
+        return ControlState(
             c0 + c1 * t + c2 * t**2 + c3 * t**3, c1 + 2 * c2 * t + 3 * c3 * t**2, 2 * c2 + 6 * c3 * t
         )
 
@@ -112,9 +112,9 @@ def test_cubics_and_quintics_reproduce_cubics(coefficients, span, share):
 
 @given(first=values, last=values, velocity=values, span=spans, share=st.floats(0.0, 1.0))
 def test_a_field_that_one_point_lacks_is_not_used(first, last, velocity, span, share):
-    bare, moving = JointState(first), JointState(last, velocity, velocity)
+    bare, moving = ControlState(first), ControlState(last, velocity, velocity)
     both = interpolated(bare, moving, span, share * span)
-    assert (both.position == interpolated(bare, JointState(last), span, share * span).position).all()
+    assert (both.position == interpolated(bare, ControlState(last), span, share * span).position).all()
 
 
 @given(
@@ -131,8 +131,8 @@ def test_a_trajectory_goes_through_all_its_points_without_leaps(steps, data, deg
         Waypoint(time, *(x.tolist() for x in fields_of[:fields]))
         for time, fields_of in zip(times, drawn, strict=True)
     )
-    begin = JointState(data.draw(values), data.draw(values))
-    trajectory = Trajectory(TrajectoryGoal("a", JOINTS, NOW + ahead, points), JOINTS, NOW, begin)
+    begin = ControlState(data.draw(values), data.draw(values))
+    trajectory = GoalTrajectory(TrajectoryGoal("a", JOINTS, NOW + ahead, points), JOINTS, NOW, begin)
     np.testing.assert_allclose(trajectory.at(NOW).position, begin.position, atol=1e-9)
     for time, (position, *_) in zip(times, drawn, strict=True):
         due = NOW + ahead + time
@@ -143,7 +143,7 @@ def test_a_trajectory_goes_through_all_its_points_without_leaps(steps, data, deg
 
 def test_joints_are_taken_by_their_names():
     swapped = TrajectoryGoal("a", JOINTS[::-1], 0, (Waypoint(NANO, [1.0, 2.0]),))
-    assert Trajectory(swapped, JOINTS, NOW, AT_REST).at(NOW + NANO).position.tolist() == [2.0, 1.0]
+    assert GoalTrajectory(swapped, JOINTS, NOW, AT_REST).at(NOW + NANO).position.tolist() == [2.0, 1.0]
 
 
 def with_point(number, **changes):
@@ -219,7 +219,7 @@ def test_a_new_goal_replaces_the_present_one_from_where_the_joints_are():
     controller = TrajectoryController(JOINTS, np.zeros(2), PERIOD)
     controller.accept(goal(1.0), NOW, AT_REST)
     follow(controller, 0.5)
-    measured = JointState(controller.desired.position - 0.01, np.zeros(2))
+    measured = ControlState(controller.desired.position - 0.01, np.zeros(2))
     begin = NOW + NANO // 2
     (replaced,) = controller.accept(replace(goal(1.0, to=0.2), number="new"), begin, measured)
     assert (replaced.number, replaced.status, replaced.code) == ("a goal", "ABORTED", INVALID_GOAL)
@@ -234,7 +234,7 @@ def test_a_cancelled_goal_leaves_the_joints_where_they_are():
     controller = TrajectoryController(JOINTS, np.zeros(2), PERIOD)
     controller.accept(goal(1.0), NOW, AT_REST)
     follow(controller, 0.5)
-    measured = JointState(controller.desired.position - 0.01, np.ones(2))
+    measured = ControlState(controller.desired.position - 0.01, np.ones(2))
     assert controller.cancel("another goal", measured) == []
     (end,) = controller.cancel("a goal", measured)
     assert end.status == "CANCELED"
@@ -250,7 +250,7 @@ def ended(lag, own=None, seconds=3.0, **tolerances):
     """How a goal of a second ends whose joints lag behind; None if it has not ended in time."""
     controller = TrajectoryController(JOINTS, np.zeros(2), PERIOD, tolerances=own)
     wanted = goal(0.5, 1.0, **tolerances)
-    controller.accept(wanted, NOW, JointState(np.full(2, -lag), np.zeros(2)))
+    controller.accept(wanted, NOW, ControlState(np.full(2, -lag), np.zeros(2)))
     told, commands = follow(controller, seconds, lag=lag)
     return (told[0][0], told[0][1].code, controller, commands) if told else None
 
@@ -313,12 +313,12 @@ def test_the_code_tells_which_tolerance_is_violated(lag, path, end):
     }
     controller = TrajectoryController(JOINTS, np.zeros(2), NANO // 50)
     controller.accept(
-        replace(goal(0.2, to=0.1), late=0.1, **allowed), NOW, JointState(np.full(2, -lag), np.zeros(2))
+        replace(goal(0.2, to=0.1), late=0.1, **allowed), NOW, ControlState(np.full(2, -lag), np.zeros(2))
     )
     now, ends = NOW, []
     while not ends:
         desired = controller._trajectory.at(now)
-        _, ends = controller.update(now, JointState(desired.position - lag, np.zeros(2)))
+        _, ends = controller.update(now, ControlState(desired.position - lag, np.zeros(2)))
         now += controller.period
     wanted = (
         PATH_TOLERANCE_VIOLATED if lag > path + 1e-9 else GOAL_TOLERANCE_VIOLATED if lag > end + 1e-9 else 0

@@ -213,20 +213,8 @@ def options(
 
 
 VERBS = (
-    *(
-        "bench",
-        "demo",
-        "doctor",
-        "explain",
-        "export",
-        "generate",
-        "learn",
-        "library",
-        "report",
-        "reproduce",
-        "robot",
-    ),
-    *("run", "scene", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
+    *("bench", "demo", "doctor", "explain", "export", "generate", "learn", "library", "report"),
+    *("reproduce", "robot", "run", "scene", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
 )
 """Files of this folder that register verbs."""
 

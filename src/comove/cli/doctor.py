@@ -33,11 +33,14 @@ def doctor(
         int | None, typer.Option(metavar="2", help="Look at ROS 2: controllers, joint states, clocks.")
     ] = None,
     joint_states: Annotated[
-        str, typer.Option(metavar="TOPIC", help="Topic of the joint states.")
-    ] = "/joint_states",
+        str | None,
+        typer.Option(metavar="TOPIC", help="Topic of the joint states; /joint_states unless given."),
+    ] = None,
     json_: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Tell what is installed here, and with --ros 2 which controllers answer. Nothing moves."""
+    if ros is None and joint_states is not None:
+        raise OptionError("nothing is looked at in ROS", key="--joint-states", way_out="give --ros 2 as well")
     if ros not in (None, 2):
         raise OptionError(f"it looks at ROS 2, not at ROS {ros}", key="--ros", way_out="give --ros 2")
     if ros is None:
@@ -50,7 +53,7 @@ def doctor(
         from comove.ros.looking import look
 
         seen = look(joint_states)
-        found, rows = asdict(seen), _rows(seen, joint_states)
+        found, rows = asdict(seen), _rows(seen)
         found["age"] = [finite(age) for age in seen.age]
     print(json.dumps(found, indent=2) if json_ else "\n".join(in_rows(rows)))
     return VERIFIED
@@ -63,7 +66,7 @@ def _installed(name: str) -> str:
         return f"{name} is missing"
 
 
-def _rows(seen: RosFound, topic: str) -> list[tuple[str, str]]:
+def _rows(seen: RosFound) -> list[tuple[str, str]]:
     """Return what was found in ROS, in words."""
     rows = [
         ("distribution", seen.distribution or "not named (ROS_DISTRO is not set)"),
@@ -75,9 +78,12 @@ def _rows(seen: RosFound, topic: str) -> list[tuple[str, str]]:
     if not seen.servers:
         rows.append(("controller", "none: no action server of FollowJointTrajectory was found"))
     if not seen.joints:
-        return [*rows, ("joint states", f"none on {topic}")]
+        return [*rows, ("joint states", f"none on {seen.topic}")]
     rows.append(
-        ("joint states", f"{len(seen.joints)} joints on {topic}, {seen.rate:.0f} Hz, {', '.join(seen.nodes)}")
+        (
+            "joint states",
+            f"{len(seen.joints)} joints on {seen.topic}, {seen.rate:.0f} Hz, {', '.join(seen.nodes)}",
+        )
     )
     rows.append(("joints", ", ".join(seen.joints)))
     median, worst = (1e3 * age for age in seen.age)

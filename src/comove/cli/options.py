@@ -59,19 +59,29 @@ JointFolder = Annotated[
 ]
 CARRY = "carry"
 """The motion with the payload, among those that are exported and sent."""
-_PRESENT: dict[str, Any] = {
+ACTION: dict[str, Any] = {
+    "metavar": "NAME",
+    "help": "FollowJointTrajectory action of each {arm}, or one for all arms; as the robot's description says unless "
+    "given, else /{arm}_controller/follow_joint_trajectory, in ROS 1 Baxter's.",
+}
+JOINT_STATES: dict[str, Any] = {
+    "metavar": "TOPIC",
+    "help": "Topic of the joint states; as the robot's description says unless given, else /joint_states, in ROS 1 "
+    "Baxter's.",
+}
+PRESENT: dict[str, Any] = {
     "metavar": "FILE",
     "help": "Where the robot's joints are now, before it approaches (YAML or JSON: {joint: value}, or a JointState "
     "of ROS) [rad, m]; home unless given.",
 }
-PresentFile = Annotated[Path | None, typer.Option("--present", **_PRESENT)]
+PresentFile = Annotated[Path | None, typer.Option("--present", **PRESENT)]
 
 
 @dataclass(frozen=True)
 class ApproachOptions:
     """Options of a robot's approach to the payload, and its release."""
 
-    present: Annotated[Path | None, typer.Option("--present", rich_help_panel=WITH_ROBOT, **_PRESENT)] = None
+    present: Annotated[Path | None, typer.Option("--present", rich_help_panel=WITH_ROBOT, **PRESENT)] = None
     transfers: Annotated[
         bool,
         typer.Option(

@@ -37,24 +37,10 @@ def send(
         int | None,
         typer.Option(metavar="1|2", help="Version of ROS; 2 where it is found, else 1, unless given."),
     ] = None,
-    action: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="FollowJointTrajectory action of each {arm}, or one for all arms; as the robot's description says "
-            "unless given, else /{arm}_controller/follow_joint_trajectory, in ROS 1 Baxter's.",
-        ),
-    ] = None,
-    joint_states: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TOPIC",
-            help="Topic of the joint states; as the robot's description says unless given, else /joint_states, in "
-            "ROS 1 Baxter's.",
-        ),
-    ] = None,
+    action: Annotated[str | None, typer.Option(**o.ACTION)] = None,
+    joint_states: Annotated[str | None, typer.Option(**o.JOINT_STATES)] = None,
     sim_time: Annotated[
-        bool, typer.Option("--sim-time", help="Use the time of a simulator, on /clock.")
+        bool, typer.Option("--sim-time", help="Use the time of a simulator, on /clock (ROS 2).")
     ] = False,
     *,
     trusted: o.Trusted,

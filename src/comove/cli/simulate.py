@@ -45,30 +45,9 @@ class RehearsalOptions:
             "open grippers at home or the joints of --present.",
         ),
     ] = o.CARRY
-    present: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            rich_help_panel=REHEARSAL,
-            help="Where the robot's joints are before it approaches, as for `comove send`; home unless given.",
-        ),
-    ] = None
-    action: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            rich_help_panel=REHEARSAL,
-            help="FollowJointTrajectory action of each {arm}, or one for all arms, as for `comove send`.",
-        ),
-    ] = None
-    joint_states: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TOPIC",
-            rich_help_panel=REHEARSAL,
-            help="Topic of the joint states, as for `comove send`.",
-        ),
-    ] = None
+    present: Annotated[Path | None, typer.Option(rich_help_panel=REHEARSAL, **o.PRESENT)] = None
+    action: Annotated[str | None, typer.Option(rich_help_panel=REHEARSAL, **o.ACTION)] = None
+    joint_states: Annotated[str | None, typer.Option(rich_help_panel=REHEARSAL, **o.JOINT_STATES)] = None
     rate: Annotated[float, typer.Option(rich_help_panel=REHEARSAL, help="Joint states a second [Hz].")] = (
         100.0
     )

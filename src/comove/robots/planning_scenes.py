@@ -26,8 +26,8 @@ from comove.model.files.keys import Turned
 from comove.model.files.moveit import (
     AttachedObject,
     CollisionObject,
+    PlacedShape,
     PlanningScene,
-    Shape,
     as_off,
     obstacle_of,
     obstacles_in,
@@ -301,7 +301,7 @@ def _payload_shape(one: CollisionObject, stem: str) -> tuple[Array, dict[str, An
     return np.eye(4), {"shape": "parts", "parts": parts}, meshes
 
 
-def _part(name: str, shape: Shape, stem: str, meshes: dict[str, bytes]) -> dict[str, Any]:
+def _part(name: str, shape: PlacedShape, stem: str, meshes: dict[str, bytes]) -> dict[str, Any]:
     """Return a shape as a payload's part. Its mesh is added to `meshes`."""
     if shape.kind == "plane":
         raise SceneError(

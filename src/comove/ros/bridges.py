@@ -56,7 +56,7 @@ CLOSING = 8.0
 Event = Mapping[str, Any]
 
 
-class Bridge:
+class BridgeProcess:
     """A bridge in a process of its own. Nothing here waits for it: it may hang.
 
     Parameters
@@ -162,7 +162,9 @@ class Bridge:
             self._told.notify()
 
 
-def awaited(bridge: Bridge, kinds: tuple[str, ...], timeout: float, others: list[Event]) -> Event | None:
+def awaited(
+    bridge: BridgeProcess, kinds: tuple[str, ...], timeout: float, others: list[Event]
+) -> Event | None:
     """Return the first event of some kinds, or the end.
 
     It is None if none comes within `timeout` [s].

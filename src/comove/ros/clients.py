@@ -21,7 +21,7 @@ from comove.errors import OptionError, SendError, listed
 from comove.robots.description import RosGripper, RosNames
 from comove.robots.model import Robot
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.ros.bridges import Bridge, Event, awaited
+from comove.ros.bridges import BridgeProcess, Event, awaited
 from comove.ros.parts import JointSamples
 from comove.ros.send import ArmState, RobotState, SendOutcome, Status, Tolerances, send
 
@@ -124,7 +124,7 @@ class RosClient:
     names : names of the robot's action servers and topic
     python : path of a Python with ROS; searched for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
     sim_time : whether time is that of a simulator, on /clock (ROS 2; in ROS 1 the parameter use_sim_time says so)
-    answer : time within which a bridge must confirm a cancellation [s]
+    answer : time within which a bridge confirms a cancellation, before the second one cancels as well [s]
     starting : time for a Python to load ROS, in addition to the time allowed for the robot [s]
     """
 
@@ -140,8 +140,8 @@ class RosClient:
     ):
         self._versions, self._names, self._python = versions, names, python
         self._sim_time, self._answer, self._starting = sim_time, answer, starting
-        self._bridge: Bridge | None = None
-        self._guard: Bridge | None = None
+        self._bridge: BridgeProcess | None = None
+        self._guard: BridgeProcess | None = None
         self._is_sent = False
         self._actions = dict[str, list[str]]()
         self._state, self._heard, self._ages = RobotState(), dict[str, float](), dict[str, float]()
@@ -207,9 +207,9 @@ class RosClient:
             "grippers": names.grippers(tuple(arms)),
         }
         try:
-            self._bridge = Bridge(python, ros.program)
+            self._bridge = BridgeProcess(python, ros.program)
             self._bridge.tell(command)
-            self._guard = Bridge(python, ros.program)
+            self._guard = BridgeProcess(python, ros.program)
             self._guard.tell({**command, "joints": [], "grippers": {}})
         except OSError as error:
             return {"event": "refused", "reason": "ros", "what": error.strerror or str(error)}
@@ -218,7 +218,7 @@ class RosClient:
         ]
         return next((answer for answer in answers if answer["event"] != "connected"), answers[0])
 
-    def _connected(self, bridge: Bridge, timeout: float) -> Event:
+    def _connected(self, bridge: BridgeProcess, timeout: float) -> Event:
         event = self._awaited(bridge, ("connected", "refused"), timeout)
         if event is None or event["event"] == "ended":
             what = "it did not answer" if event is None else bridge.last_words()
@@ -243,7 +243,8 @@ class RosClient:
                 "late": tolerances.late,
             }
         arms = {arm: ArmState(Status.PENDING) for arm in goals}
-        self._state, self._is_sent = replace(self._state, arms=arms, time=None, times={}), False
+        state = replace(self._state, arms=arms, time=None, times={}, unstopped=frozenset())
+        self._state, self._is_sent = state, False
         if self._guard is not None:
             self._guard.tell({"do": "guard", "ids": ids})
         if self._bridge is not None:
@@ -265,23 +266,27 @@ class RosClient:
 
     def cancel(self) -> None:
         """Stop all arms."""
-        if self._bridge is not None and not self._bridge.has_ended and self._has_cancelled(self._bridge):
+        bridge, guard = self._bridge, self._guard
+        if bridge is not None and not bridge.has_ended:
+            bridge.tell({"do": "cancel"})
+            if self._has_cancelled(bridge, self._answer):
+                return
+        if guard is not None:  # the first is gone, hangs or is slow, and the arms may move
+            guard.tell({"do": "cancel"})
+        if bridge is None or (not bridge.has_ended and self._has_cancelled(bridge, 2.0 * self._answer)):
             return
-        if self._bridge is not None:
-            self._bridge.kill()
-        if self._guard is not None:  # the first is gone or hangs, and the arms may move
-            self._guard.tell({"do": "cancel"})
-            awaited(self._guard, ("cancelled",), self._starting, [])
-
-    def _has_cancelled(self, bridge: Bridge) -> bool:
-        """Return whether the bridge confirms the cancellation. It may hang, or end meanwhile."""
-        bridge.tell({"do": "cancel"})
-        event = self._awaited(bridge, ("cancelled",), self._answer)
-        if event is None:
+        if not bridge.has_ended:
             self._lose("did not answer")
-            return False
-        self._take(event)
-        return event["event"] == "cancelled"
+            bridge.kill()
+        if guard is not None:
+            awaited(guard, ("cancelled",), self._starting, [])
+
+    def _has_cancelled(self, bridge: BridgeProcess, within: float) -> bool:
+        """Return whether the bridge confirms the cancellation. It may hang, or end meanwhile."""
+        event = self._awaited(bridge, ("cancelled",), within)
+        if event is not None:
+            self._take(event)
+        return event is not None and event["event"] == "cancelled"
 
     def state(self, wait: float) -> RobotState:
         """Return the known state, after waiting at most `wait` [s]."""
@@ -306,7 +311,7 @@ class RosClient:
                 guard.tell({"do": "guard", "ids": {}})
             guard.close()
 
-    def _awaited(self, bridge: Bridge, kinds: tuple[str, ...], timeout: float) -> Event | None:
+    def _awaited(self, bridge: BridgeProcess, kinds: tuple[str, ...], timeout: float) -> Event | None:
         others = list[Event]()
         event = awaited(bridge, kinds, timeout, others)
         for other in others if bridge is self._bridge else ():
@@ -440,6 +445,49 @@ def pythons() -> list[str]:
     return [python for python in dict.fromkeys(found) if python and os.access(python, os.X_OK)]
 
 
+def started(
+    program: Path, command: Mapping[str, Any], ready: str, within: float, python: str | None
+) -> tuple[BridgeProcess, Event, list[Event]]:
+    """Start a program under the first Python that has ROS 2.
+
+    Parameters
+    ----------
+    program : path of the program
+    command : its first command
+    ready : event that answers it
+    within : time for the answer [s]
+    python : path of the Python; searched for unless given
+
+    Returns
+    -------
+    process : the process, to be closed
+    answer : the event `ready`, or a refusal for another reason than that ROS 2 is missing
+    others : events before it
+
+    Raises
+    ------
+    SendError
+        If no Python here has ROS 2.
+    """
+    tried = list[str]()
+    for candidate in [python] if python else pythons():
+        try:
+            process = BridgeProcess(candidate, program)
+        except OSError as error:
+            tried.append(f"{candidate} ({error.strerror})")
+            continue
+        process.tell(command)
+        others = list[Event]()
+        answer = awaited(process, (ready, "refused"), within, others)
+        lacks_ros = answer is None or answer.get("reason") in ("ros", "control_msgs", None)
+        if answer is not None and (answer["event"] == ready or not lacks_ros):
+            return process, answer, others
+        what = "it did not answer" if answer is None else answer.get("what") or process.last_words()
+        process.close()
+        tried.append(f"{candidate} ({what})")
+    raise ros_missing((ROS2.version,), tried)
+
+
 def ros_missing(versions: Sequence[int], tried: Sequence[str]) -> SendError:
     """Return the error for ROS that no Python has, with advice."""
     way_out = f"install {MIDDLEWARES[versions[0]].needs}, and name their Python in {PYTHON}"
@@ -485,6 +533,11 @@ def _refusal(answer: Event, timeout: float) -> SendError:
             "action",
             f"ROS takes no name '{what}': {' '.join(found)}",
             "give another --action or topic",
+        ),
+        "sim_time": (
+            "--sim-time",
+            "in ROS 1 the parameter use_sim_time says whose time it is",
+            "set that, and leave the option out",
         ),
         "grippers": (
             "gripper",

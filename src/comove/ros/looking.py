@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from comove.errors import SendError
-from comove.ros.bridges import Bridge, Event
-from comove.ros.clients import ROS2, pythons, ros_missing
+from comove.errors import SendError, listed
+from comove.ros.bridges import Event
+from comove.ros.clients import ROS2, started
+
+STARTING = 15.0  # s, for a Python to load ROS
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class RosFound:
     ----------
     distribution, middleware, domain, python : of the environment in which it was looked for
     servers : controllers
+    topic : topic of the joint states
     nodes : nodes that report joint states
     joints : names of the reported joints
     conflict : a joint that several nodes report; empty if there is none
@@ -50,6 +52,7 @@ class RosFound:
     domain: str
     python: str
     servers: tuple[RosServer, ...]
+    topic: str
     nodes: tuple[str, ...]
     joints: tuple[str, ...]
     conflict: str
@@ -71,43 +74,20 @@ def look(joint_states: str | None = None, *, seconds: float = 3.0, python: str |
     SendError
         If there is no ROS 2 here, or it takes no such topic.
     """
-    topic = joint_states or ROS2.names.joint_states
-    tried = list[str]()
-    for candidate in [python] if python else pythons():
-        try:
-            bridge = Bridge(candidate, ROS2.program)
-        except OSError as error:
-            tried.append(f"{candidate} ({error.strerror})")
-            continue
-        try:
-            bridge.tell({"do": "look", "joint_states": topic, "timeout": seconds})
-            events = _until_seen(bridge, 15.0 + 4.0 * seconds)
-        finally:
-            bridge.close()
-        last = events[-1] if events else {"event": "refused", "what": "it did not answer"}
-        if last["event"] == "seen":
-            return _found(last, events)
-        if last.get("reason") == "name":
-            raise SendError(
-                f"ROS takes no name '{topic}': {last['found'][0]}",
-                key="joint_states",
-                way_out="give another one",
-            )
-        tried.append(f"{candidate} ({last.get('what', 'it ended')})")
-    raise ros_missing((2,), tried)
+    topic = joint_states or ROS2.names.joint_states or ""
+    command = {"do": "look", "joint_states": topic, "timeout": seconds}
+    process, answer, others = started(ROS2.program, command, "seen", STARTING + 4.0 * seconds, python)
+    process.close()
+    if answer["event"] == "seen":
+        return _found(answer, others, topic)
+    raise SendError(
+        f"ROS cannot look at the topic '{topic}': {listed(answer.get('found') or [answer['what']])}",
+        key="joint_states",
+        way_out="give the name of a topic",
+    )
 
 
-def _until_seen(bridge: Bridge, timeout: float) -> list[Event]:
-    until, events = time.monotonic() + timeout, list[Event]()
-    while (left := until - time.monotonic()) > 0.0:
-        for event in bridge.news(left):
-            events.append(event)
-            if event["event"] in ("seen", "refused", "ended"):
-                return events
-    return events
-
-
-def _found(seen: Event, events: Sequence[Event]) -> RosFound:
+def _found(seen: Event, events: Sequence[Event], topic: str) -> RosFound:
     conflicts = [event["joint"] for event in events if event["event"] == "conflict"]
     ages = np.array(seen["age"] or [np.nan])
     return RosFound(
@@ -116,6 +96,7 @@ def _found(seen: Event, events: Sequence[Event]) -> RosFound:
         seen["domain"],
         seen["python"],
         tuple(RosServer(**server) for server in seen["servers"]),
+        topic,
         tuple(seen["nodes"]),
         tuple(seen["joints"]),
         conflicts[0] if conflicts else "",

@@ -91,7 +91,7 @@ class JointSamples:
         return JointSamples(names, self.nanoseconds, *rates)
 
 
-class Grip(NamedTuple):
+class GripperMotion(NamedTuple):
     """A motion of all grippers. It begins at a time in the motion [s], negative if before it."""
 
     time: float
@@ -120,12 +120,16 @@ class MotionPart:
     provenance: MotionProvenance
 
     @property
-    def grips(self) -> tuple[Grip, ...]:
+    def grips(self) -> tuple[GripperMotion, ...]:
         """Return the motions of the grippers, in order: none in a carry, in which they hold."""
         if self.gripped_from <= 0.0:
             return ()
-        opened = Grip(0.0 if self.name == RELEASE else -1.0, closed=False)
-        return (opened,) if self.gripped_from == np.inf else (opened, Grip(self.gripped_from, closed=True))
+        opened = GripperMotion(0.0 if self.name == RELEASE else -1.0, closed=False)
+        return (
+            (opened,)
+            if self.gripped_from == np.inf
+            else (opened, GripperMotion(self.gripped_from, closed=True))
+        )
 
     def samples(self, rate: float) -> JointSamples:
         """Sample the exact curve at `rate` [Hz] or slightly more. The rate is raised so that the end is a sample."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from comove.errors import OptionError, SendError
-from comove.ros.bridges import Bridge, Event, awaited
-from comove.ros.clients import ROS2, Names, pythons, ros_missing
+from comove.ros.bridges import BridgeProcess, Event
+from comove.ros.clients import ROS2, Names, started
 from comove.ros.robot_controllers import MovedRobot, RobotControllers
 from comove.ros.trajectory_control import NANO, GoalEnd
 
@@ -100,9 +100,9 @@ class Rehearsal:
     def __exit__(self, *_: object) -> None:
         self._bridge.close()
 
-    def _opened(self, python: str | None) -> tuple[Bridge, str]:
+    def _opened(self, python: str | None) -> tuple[BridgeProcess, str]:
         """Start the program under the first Python with ROS 2; return it with its middleware, in words."""
-        controllers, tried = self._controllers, list[str]()
+        controllers = self._controllers
         command = {
             "do": "serve",
             "servers": {action: server.kind for action, server in controllers.servers.items()},
@@ -111,26 +111,15 @@ class Rehearsal:
             "joints": controllers.joint_names,
             "sim_time": self.settings.sim_time,
         }
-        for candidate in [python] if python else pythons():
-            try:
-                bridge = Bridge(candidate, PROGRAM)
-            except OSError as error:
-                tried.append(f"{candidate} ({error.strerror})")
-                continue
-            bridge.tell(command)
-            event = awaited(bridge, ("serving", "refused"), STARTING, [])
-            if event is not None and event["event"] == "serving":
-                return bridge, f"{event['distribution'] or 'ROS 2'}, {event['rmw']}, domain {event['domain']}"
-            what = "it did not answer" if event is None else event.get("what") or bridge.last_words()
-            bridge.close()
-            if event is not None and event.get("reason") == "ended":
-                raise SendError(
-                    f"ROS 2 does not serve the robot's interfaces: {what}",
-                    key="ros",
-                    way_out="correct their names, and look whether ROS 2 works in its Python",
-                )
-            tried.append(f"{candidate} ({what})")
-        raise ros_missing((2,), tried)
+        process, answer, _ = started(PROGRAM, command, "serving", STARTING, python)
+        if answer["event"] == "serving":
+            return process, f"{answer['distribution'] or 'ROS 2'}, {answer['rmw']}, domain {answer['domain']}"
+        process.close()
+        raise SendError(
+            f"ROS 2 does not serve the robot's interfaces: {answer['what']}",
+            key="ros",
+            way_out="correct their names, and look whether ROS 2 works in its Python",
+        )
 
     def offers(self) -> list[tuple[str, str]]:
         """Return what the robot offers, in words."""

@@ -17,7 +17,7 @@ from comove.robots.description import RosGripper
 from comove.robots.model import Robot
 from comove.ros.bridges import Event
 from comove.ros.clients import ARM, Names
-from comove.ros.trajectory_control import NANO, GoalEnd, JointState, TrajectoryController, TrajectoryGoal
+from comove.ros.trajectory_control import NANO, ControlState, GoalEnd, TrajectoryController, TrajectoryGoal
 
 STREAM = "/{arm}_position_controller/commands"
 
@@ -112,7 +112,7 @@ class JointServer:
     kind = "follow_joint_trajectory"
 
     def __init__(
-        self, joints: Sequence[str], measured: Callable[[], JointState], period: int, *, moving_end: bool
+        self, joints: Sequence[str], measured: Callable[[], ControlState], period: int, *, moving_end: bool
     ):
         self._measured, self._accepted = measured, dict[str, TrajectoryGoal]()
         self.controller = TrajectoryController(joints, measured().position, period, moving_end=moving_end)
@@ -250,7 +250,7 @@ class FingerServer(JointServer):
 
     def __init__(self, joint: str, gripper: GripperServer, period: int, *, moving_end: bool):
         super().__init__(
-            [joint], lambda: JointState(np.array([gripper.position])), period, moving_end=moving_end
+            [joint], lambda: ControlState(np.array([gripper.position])), period, moving_end=moving_end
         )
         self._gripper, self._last = gripper, gripper.position
 
@@ -304,8 +304,8 @@ class RobotControllers:
         still = np.zeros_like(robot.command)
         self._command = np.stack([robot.command, still, still])  # positions, velocities, accelerations
 
-    def _measured(self, columns: Sequence[int]) -> Callable[[], JointState]:
-        return lambda: JointState(self.robot.position[columns], self.robot.velocity[columns])
+    def _measured(self, columns: Sequence[int]) -> Callable[[], ControlState]:
+        return lambda: ControlState(self.robot.position[columns], self.robot.velocity[columns])
 
     @property
     def servers(self) -> dict[str, GoalServer]:

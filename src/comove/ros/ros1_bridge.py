@@ -124,8 +124,9 @@ class RosBridge(object):
         from actionlib_msgs.msg import GoalStatusArray
         from sensor_msgs.msg import JointState
 
-        if grippers:
-            raise Refused("grippers", "")
+        for reason, wanted in (("grippers", grippers), ("sim_time", sim_time)):
+            if wanted:
+                raise Refused(reason, "")
         require_master()
         rospy.init_node("comove", anonymous=True, disable_signals=True)
         until = time.time() + timeout

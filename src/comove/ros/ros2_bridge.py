@@ -4,21 +4,19 @@ It speaks as `comove.ros.bridges` says. It needs rclpy, and the user's own contr
 does, it cancels what it has sent: an arm must not go on alone.
 """
 
-import json
 import os
-import queue
 import signal
 import sys
 import threading
 import time
 import traceback
-from contextlib import suppress
+
+from ros2_program import Refused, run
 
 STALE = 1.0  # s, after which feedback that had come is missing
 LOOK = 0.1  # s, between looks at the servers
 FLUSH = 5.0  # s, for which goals are asked to end that no server has confirmed
 BEAT = 1.0  # s without a sign of comove, after which all goals are cancelled
-MOST = 10_000  # events that wait for comove to read them
 AGAIN = 0.1  # s, after which a cancel without an answer is sent again
 KNOWN = (0, 3)  # of action_msgs/srv/CancelGoal: it is cancelled, it has ended
 CODES = {
@@ -33,44 +31,7 @@ ACTIVE = (1, 2, 3)  # accepted, executing, cancelling
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 
 
-class Refused(Exception):
-    """Error that keeps a motion from being sent. Its arguments are a reason, its subject, and what was found."""
-
-
-class Teller:
-    """Writer of events to the original output. Prints of ROS go to the error stream and cannot mix with them.
-
-    A thread of its own writes: nothing else waits for somebody who does not read.
-    """
-
-    def __init__(self):
-        self.file = os.fdopen(os.dup(1), "w")
-        os.dup2(2, 1)
-        self.lines = queue.Queue(MOST)
-        self.thread = threading.Thread(target=self.write, daemon=True)
-        self.thread.start()
-
-    def __call__(self, event, **content):
-        with suppress(queue.Full):
-            self.lines.put_nowait(json.dumps(dict(content, event=event)) + "\n")
-
-    def write(self):
-        with suppress(OSError):  # nobody listens any more; the input ends as well
-            while True:
-                line = self.lines.get()
-                if line is None:
-                    return
-                self.file.write(line)
-                self.file.flush()
-
-    def close(self):
-        """Write what is left."""
-        with suppress(queue.Full):
-            self.lines.put_nowait(None)
-            self.thread.join(1.0)
-
-
-class Server:
+class FollowedServer:
     """An action server of FollowJointTrajectory, and the goal that it has."""
 
     def __init__(self, bridge, name):
@@ -167,7 +128,7 @@ class Server:
             )
 
 
-class Gripper:
+class GripperClient:
     """An action server of a gripper. The newest goal counts."""
 
     def __init__(self, bridge, arm, kind, action, joint):
@@ -238,7 +199,7 @@ class Gripper:
             )
 
 
-class Bridge:
+class Ros2Bridge:
     """Node that sends goals to action servers and listens to joints."""
 
     def __init__(self, tell):
@@ -248,6 +209,10 @@ class Bridge:
         self.node = self.executor = self.thread = self.start = None
         self.stopping, self.beaten = False, time.monotonic()
         self.topic = ""
+
+    def obey(self, do, **content):
+        """Execute a command."""
+        getattr(self, do)(**content)
 
     def open(self, sim_time):
         """Join the graph of ROS."""
@@ -271,8 +236,8 @@ class Bridge:
         until = time.monotonic() + timeout
         self.open(sim_time)
         self.listen(joint_states, joints)
-        self.servers = {name: Server(self, name) for name in servers}
-        self.grippers = {arm: Gripper(self, arm, **gripper) for arm, gripper in grippers.items()}
+        self.servers = {name: FollowedServer(self, name) for name in servers}
+        self.grippers = {arm: GripperClient(self, arm, **gripper) for arm, gripper in grippers.items()}
         for server in [*self.servers.values(), *self.grippers.values()]:
             while not server.is_there:
                 self.wait(until, "server", server.name)
@@ -310,7 +275,7 @@ class Bridge:
         self.listen(joint_states, None)
         time.sleep(timeout)
         found = sorted(name for name, kinds in get_action_names_and_types(self.node) if FOLLOW in kinds)
-        self.servers = {name: Server(self, name) for name in found}
+        self.servers = {name: FollowedServer(self, name) for name in found}
         begun = time.monotonic()
         while not all(s.is_there for s in self.servers.values()) and time.monotonic() - begun < timeout:
             time.sleep(0.002)
@@ -543,47 +508,5 @@ def require_names(names):
             raise Refused("name", name, [str(error).splitlines()[0]]) from None
 
 
-def missing():
-    """Return the reason and the text of an import that fails; None if all is there."""
-    try:
-        import rclpy  # noqa: F401
-        import sensor_msgs.msg  # noqa: F401
-        import trajectory_msgs.msg  # noqa: F401
-    except ImportError as error:
-        return "ros", str(error)
-    try:
-        import control_msgs.action  # noqa: F401
-    except ImportError as error:
-        return "control_msgs", str(error)
-    return None
-
-
-def main():
-    tell = Teller()
-    if (refused := missing()) is not None:
-        tell("refused", reason=refused[0], what=refused[1])
-        tell.close()
-        return
-
-    def end(*_):
-        raise SystemExit
-
-    signal.signal(signal.SIGTERM, end)
-    bridge = Bridge(tell)
-    try:
-        for line in iter(sys.stdin.readline, ""):
-            command = json.loads(line)
-            getattr(bridge, command.pop("do"))(**command)
-    except Refused as refusal:
-        reason, what, found = refusal.args
-        tell("refused", reason=reason, what=what, found=found)
-    except Exception:  # its last line is told
-        traceback.print_exc()
-    finally:
-        bridge.close()
-        tell.close()
-        sys.stderr.flush()
-
-
 if __name__ == "__main__":
-    main()
+    run(Ros2Bridge)

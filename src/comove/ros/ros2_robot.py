@@ -28,15 +28,13 @@ Events:
 When its input ends, all goals are aborted.
 """
 
-import json
 import os
 import queue
-import signal
-import sys
 import threading
 import time
-import traceback
 from contextlib import suppress
+
+from ros2_program import run
 
 KINDS = {"gripper_command": "GripperCommand", "parallel_gripper_command": "ParallelGripperCommand"}
 ANSWER = 5.0  # s, within which a goal is answered, else it is refused
@@ -44,27 +42,12 @@ OVER = {"do": "end", "status": "ABORTED", "code": -1, "text": "the simulation ha
 TURN = 0.001  # s, between looks at a goal that is to be cancelled
 
 
-class Teller:
-    """Writer of events to the original output. Prints of ROS go to the error stream and cannot mix with them."""
-
-    def __init__(self):
-        self.lock = threading.Lock()
-        self.file = os.fdopen(os.dup(1), "w")
-        os.dup2(2, 1)
-
-    def __call__(self, event, **content):
-        line = json.dumps(dict(content, event=event)) + "\n"
-        with self.lock, suppress(OSError):  # nobody listens any more; the input ends as well
-            self.file.write(line)
-            self.file.flush()
-
-
 def nanoseconds(message):
     """Return a time or duration [ns]."""
     return message.sec * 10**9 + message.nanosec
 
 
-class Server:
+class ServedAction:
     """An action server whose goals another process decides about and ends."""
 
     def __init__(self, robot, name, kind):
@@ -203,7 +186,7 @@ def trajectory_of(request):
     return {"joints": list(path.joint_names), "stamp": stamp, "points": points, "late": late, **tolerances}
 
 
-class Robot:
+class RobotNode:
     """Node with the interfaces of a robot."""
 
     def __init__(self, tell):
@@ -227,7 +210,7 @@ class Robot:
         self.message = JointState(name=joints)
         if sim_time:
             self.serve_clock()
-        self.servers = [Server(self, name, kind) for name, kind in servers.items()]
+        self.servers = [ServedAction(self, name, kind) for name, kind in servers.items()]
         self.listen(streams)
         # A goal keeps a thread until it ends, one that is replaced until its end is told.
         self.executor = MultiThreadedExecutor(4 + 3 * len(servers))
@@ -315,38 +298,5 @@ class Robot:
         self.thread.join(1.0)
 
 
-def main():
-    tell = Teller()
-    try:
-        import rclpy  # noqa: F401
-        import rosgraph_msgs.msg  # noqa: F401
-        import sensor_msgs.msg  # noqa: F401
-        import std_msgs.msg  # noqa: F401
-        import trajectory_msgs.msg  # noqa: F401
-    except ImportError as error:
-        tell("refused", reason="ros", what=str(error))
-        return
-    try:
-        import control_msgs.action  # noqa: F401
-    except ImportError as error:
-        tell("refused", reason="control_msgs", what=str(error))
-        return
-
-    def end(*_):
-        raise SystemExit
-
-    signal.signal(signal.SIGTERM, end)
-    robot = Robot(tell)
-    try:
-        for line in iter(sys.stdin.readline, ""):
-            robot.obey(**json.loads(line))
-    except Exception as error:  # its last line is told
-        traceback.print_exc()
-        tell("refused", reason="ended", what=f"{type(error).__name__}: {error}")
-    finally:
-        robot.close()
-        sys.stderr.flush()
-
-
 if __name__ == "__main__":
-    main()
+    run(RobotNode, ("rosgraph_msgs.msg", "std_msgs.msg"))

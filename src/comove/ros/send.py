@@ -15,7 +15,16 @@ from comove.arrays import first_largest
 from comove.errors import OptionError, SendError, near_name
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, Grip, JointSamples, MotionPart, parts_of, require_rate
+from comove.ros.parts import (
+    CARRY,
+    PARTS,
+    SAMPLE_RATE,
+    GripperMotion,
+    JointSamples,
+    MotionPart,
+    parts_of,
+    require_rate,
+)
 
 Clock = Callable[[], float]
 
@@ -324,7 +333,7 @@ def _grippers_failure(state: RobotState) -> str:
 def _watched(
     client: TrajectoryClient,
     part: MotionPart,
-    grips: list[Grip],
+    grips: list[GripperMotion],
     tolerances: Tolerances,
     delay: float,
     clock: Clock,

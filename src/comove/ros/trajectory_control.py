@@ -86,17 +86,17 @@ class TrajectoryGoal:
         )
 
 
-class JointState(NamedTuple):
+class ControlState(NamedTuple):
     """Joints at an instant; arrays of shape (n_joints,), in SI units. Derivatives may be missing."""
 
     position: Array
     velocity: Array | None = None
     acceleration: Array | None = None
 
-    def or_still(self) -> JointState:
+    def or_still(self) -> ControlState:
         """Return the state with 0 for missing derivatives."""
         position, velocity, acceleration = self.stacked()
-        return JointState(position, velocity, acceleration)
+        return ControlState(position, velocity, acceleration)
 
     def stacked(self) -> Array:
         """Return positions, velocities and accelerations, 0 for missing ones; array, shape (3, n_joints)."""
@@ -171,7 +171,7 @@ def _point_error(point: Waypoint, n_joints: int) -> str:
     return ""
 
 
-def interpolated(first: JointState, last: JointState, span: float, at: float) -> JointState:
+def interpolated(first: ControlState, last: ControlState, span: float, at: float) -> ControlState:
     """Interpolate two states, by the fields that both have.
 
     Parameters
@@ -181,10 +181,10 @@ def interpolated(first: JointState, last: JointState, span: float, at: float) ->
     """
     a, b = first.position, last.position
     if span <= 0.0:
-        return JointState(b, np.zeros_like(b), np.zeros_like(b))
+        return ControlState(b, np.zeros_like(b), np.zeros_like(b))
     if first.velocity is None or last.velocity is None:
         slope = (b - a) / span
-        return JointState(a + at * slope, slope, np.zeros_like(a))
+        return ControlState(a + at * slope, slope, np.zeros_like(a))
     va, vb = span * first.velocity, span * last.velocity
     if first.acceleration is None or last.acceleration is None:
         powers = np.stack([a, va, 3 * (b - a) - 2 * va - vb, 2 * (a - b) + va + vb])
@@ -205,10 +205,10 @@ def interpolated(first: JointState, last: JointState, span: float, at: float) ->
     position = s ** n.astype(float) @ powers
     velocity = (n[1:] * s ** n[:-1]) @ powers[1:] / span
     acceleration = (n[2:] * n[1:-1] * s ** n[:-2]) @ powers[2:] / span**2
-    return JointState(position, velocity, acceleration)
+    return ControlState(position, velocity, acceleration)
 
 
-class Trajectory:
+class GoalTrajectory:
     """Trajectory of a goal, from the state at which it was accepted.
 
     Parameters
@@ -219,7 +219,7 @@ class Trajectory:
     present : state at that time
     """
 
-    def __init__(self, goal: TrajectoryGoal, joints: Sequence[str], now: int, present: JointState):
+    def __init__(self, goal: TrajectoryGoal, joints: Sequence[str], now: int, present: ControlState):
         order = [goal.joints.index(name) for name in joints]
         self.start = goal.stamp or now
         self.times = [self.start + point.time for point in goal.points]
@@ -230,20 +230,20 @@ class Trajectory:
             velocity = still
         if acceleration is None and first.acceleration is not None:
             acceleration = still
-        self.before = now, JointState(present.position, velocity, acceleration)
+        self.before = now, ControlState(present.position, velocity, acceleration)
         self._last = -1, self.before[1]  # time and state asked for last: a command, which is then desired
 
     def is_over(self, time: int) -> bool:
         """Return whether the last point is due [ns]."""
         return time >= self.times[-1]
 
-    def at(self, time: int) -> JointState:
+    def at(self, time: int) -> ControlState:
         """Return the desired state at a time [ns]."""
         if time != self._last[0]:
             self._last = time, self._at(time)
         return self._last[1]
 
-    def _at(self, time: int) -> JointState:
+    def _at(self, time: int) -> ControlState:
         after = bisect_right(self.times, time)
         if after == len(self.times):
             return self.states[-1].or_still()
@@ -252,11 +252,11 @@ class Trajectory:
         return interpolated(first, self.states[after], span / NANO, since / NANO)
 
 
-def _state_of(point: Waypoint, order: Sequence[int]) -> JointState:
+def _state_of(point: Waypoint, order: Sequence[int]) -> ControlState:
     def ordered(values: Sequence[float]) -> Array | None:
         return np.array(values, dtype=np.float64)[order] if len(values) else None
 
-    return JointState(
+    return ControlState(
         np.array(point.positions, dtype=np.float64)[order],
         ordered(point.velocities),
         ordered(point.accelerations),
@@ -308,9 +308,9 @@ class TrajectoryController:
         self.joints, self.period, self.moving_end = tuple(joints), period, moving_end
         self.own = tolerances or ControlTolerances(none, none)
         self.goal: TrajectoryGoal | None = None
-        self.desired = self.actual = self.error = JointState(np.array(position, dtype=float)).or_still()
+        self.desired = self.actual = self.error = ControlState(np.array(position, dtype=float)).or_still()
         self._held = self.desired
-        self._trajectory: Trajectory | None = None
+        self._trajectory: GoalTrajectory | None = None
         self._tolerances = self.own
         self._is_first = False
 
@@ -323,14 +323,14 @@ class TrajectoryController:
         """Return the reason why a goal is refused now [ns]; empty if it is not."""
         return goal_error(goal, self.joints, now, moving_end=self.moving_end)
 
-    def accept(self, goal: TrajectoryGoal, now: int, present: JointState) -> list[GoalEnd]:
+    def accept(self, goal: TrajectoryGoal, now: int, present: ControlState) -> list[GoalEnd]:
         """Follow a goal from now on [ns]. Return the end of the one that it replaces."""
         replaced = self._ended("ABORTED", INVALID_GOAL, "Current goal preempted by new incoming action.")
-        self._trajectory, self.goal = Trajectory(goal, self.joints, now, present), goal
+        self._trajectory, self.goal = GoalTrajectory(goal, self.joints, now, present), goal
         self._tolerances, self._is_first = resolved(goal, self.joints, self.own), True
         return replaced
 
-    def cancel(self, number: str, present: JointState) -> list[GoalEnd]:
+    def cancel(self, number: str, present: ControlState) -> list[GoalEnd]:
         """End the active goal by its number, and hold the present positions."""
         if self.goal is None or self.goal.number != number:
             return []
@@ -339,9 +339,9 @@ class TrajectoryController:
 
     def hold(self, position: Array) -> None:
         """Hold positions from now on; array, shape (n_joints,) [rad]."""
-        self._trajectory, self._held = None, JointState(np.array(position, dtype=float)).or_still()
+        self._trajectory, self._held = None, ControlState(np.array(position, dtype=float)).or_still()
 
-    def update(self, now: int, present: JointState) -> tuple[JointState, list[GoalEnd]]:
+    def update(self, now: int, present: ControlState) -> tuple[ControlState, list[GoalEnd]]:
         """Return the next command, and a goal that ends now.
 
         Parameters
@@ -353,25 +353,24 @@ class TrajectoryController:
         self.actual, self.error = present, _difference(self.desired, present)
         if self._trajectory is None:
             return self._held, []
-        ends = [] if self.goal is None else self._checked(now, present)
+        ends = [] if self.goal is None else self._checked(self._trajectory, now, present)
         self._is_first = False
         if self._trajectory is None:
             return self._held, ends
         return self._trajectory.at(now + self.period), ends
 
-    def _checked(self, now: int, present: JointState) -> list[GoalEnd]:
+    def _checked(self, trajectory: GoalTrajectory, now: int, present: ControlState) -> list[GoalEnd]:
         """Return the end of the goal, if it has ended."""
-        assert self._trajectory is not None, "it follows a goal"
-        over, (path, end, late) = self._trajectory.is_over(now), self._tolerances
+        over, (path, end, late) = trajectory.is_over(now), self._tolerances
         if (self._is_first or not over) and _is_beyond(self.error, path):
             self.hold(present.position)
             return self._ended("ABORTED", PATH_TOLERANCE_VIOLATED, "Aborted due to path tolerance violation")
         if not over:
             return []
         if not _is_beyond(self.error, end):
-            self.hold(self._trajectory.states[-1].position)
+            self.hold(trajectory.states[-1].position)
             return self._ended("SUCCEEDED", SUCCESSFUL, "Goal successfully reached!")
-        since = (now - self._trajectory.times[-1]) / NANO
+        since = (now - trajectory.times[-1]) / NANO
         if late and since > late:
             self.hold(present.position)
             text = f"Aborted due to goal_time_tolerance exceeding by {since:.6f} seconds"
@@ -383,12 +382,12 @@ class TrajectoryController:
         return [] if goal is None else [GoalEnd(goal.number, status, code, text)]
 
 
-def _difference(desired: JointState, present: JointState) -> JointState:
+def _difference(desired: ControlState, present: ControlState) -> ControlState:
     velocity = None
     if desired.velocity is not None and present.velocity is not None:
         velocity = desired.velocity - present.velocity
-    return JointState(desired.position - present.position, velocity).or_still()
+    return ControlState(desired.position - present.position, velocity).or_still()
 
 
-def _is_beyond(error: JointState, tolerance: Array) -> bool:
+def _is_beyond(error: ControlState, tolerance: Array) -> bool:
     return bool(((tolerance > 0.0) & (np.abs(error.position) > tolerance)).any())

@@ -35,7 +35,7 @@ MARK = "metadata.yaml"
 """What marks a folder as a bag."""
 
 
-class Shape(NamedTuple):
+class PlacedShape(NamedTuple):
     """A shape at a pose in its object's frame. `where` is its place in the file, for messages."""
 
     kind: str
@@ -50,7 +50,7 @@ class CollisionObject(NamedTuple):
 
     name: str
     pose: Array
-    shapes: tuple[Shape, ...]
+    shapes: tuple[PlacedShape, ...]
     frame: str = ""
 
 
@@ -188,7 +188,7 @@ def as_off(mesh: Triangles) -> bytes:
     return "\n".join(rows).encode()
 
 
-def obstacle_of(name: str, shape: Shape, pose: Array) -> dict[str, Any]:
+def obstacle_of(name: str, shape: PlacedShape, pose: Array) -> dict[str, Any]:
     """Return a shape of an object at `pose` as an obstacle.
 
     Parameters
@@ -225,7 +225,7 @@ def obstacle_of(name: str, shape: Shape, pose: Array) -> dict[str, Any]:
     return entry
 
 
-def _slab(name: str, shape: Shape, pose: Array) -> tuple[Array, Shape]:
+def _slab(name: str, shape: PlacedShape, pose: Array) -> tuple[Array, PlacedShape]:
     """Return a plane as a box and its pose. It is solid below its points, n x + d = 0."""
     n, d = shape.sizes[:3], float(shape.sizes[3])
     size = float(np.linalg.norm(n))

@@ -22,8 +22,8 @@ from comove.model.files.moveit import (
     OCTOMAP,
     AttachedObject,
     CollisionObject,
+    PlacedShape,
     PlanningScene,
-    Shape,
     fault_of_triangles,
     homogeneous,
 )
@@ -215,7 +215,7 @@ class _Monitor:
         if world.octomap.octomap.id:
             self.objects.pop(OCTOMAP, None)
             if len(world.octomap.octomap.data):
-                shape = Shape("octomap", np.empty(0), np.eye(4), OCTOMAP)
+                shape = PlacedShape("octomap", np.empty(0), np.eye(4), OCTOMAP)
                 self.objects[OCTOMAP] = CollisionObject(OCTOMAP, np.eye(4), (shape,))
 
     def of_object(self, message: Any) -> None:
@@ -320,7 +320,7 @@ def object_of(message: Any) -> CollisionObject:
     return CollisionObject(name, pose, shapes, frame_name(message.header.frame_id))
 
 
-def _shapes(message: Any) -> Iterator[Shape]:
+def _shapes(message: Any) -> Iterator[PlacedShape]:
     """Yield the shapes of an object; missing poses are the object's own."""
     name, where = message.id, f"'{shortened(message.id)}'"
 
@@ -337,7 +337,7 @@ def _shapes(message: Any) -> Iterator[Shape]:
         if len(sizes) != N_DIMENSIONS.get(kind, len(sizes)) or not np.isfinite(sizes).all():
             told = f"the object {where} has a {kind} of the dimensions {sizes.tolist()}"
             raise SceneError(told, way_out="correct it where it is made, and record it anew")
-        yield Shape(kind, sizes[::-1] if kind in ("cylinder", "cone") else sizes, pose, where)
+        yield PlacedShape(kind, sizes[::-1] if kind in ("cylinder", "cone") else sizes, pose, where)
     for shape, pose in posed("meshes", message.meshes, message.mesh_poses):
         points = [(point.x, point.y, point.z) for point in shape.vertices]
         vertices = np.array(points, dtype=np.float64).reshape(-1, 3)
@@ -346,9 +346,9 @@ def _shapes(message: Any) -> Iterator[Shape]:
         if fault is not None or not np.isfinite(vertices).all():
             told = f"the object {where}: {fault or 'vertices are not finite'}"
             raise SceneError(told, way_out="correct it where it is made, and record it anew")
-        yield Shape("mesh", np.empty(0), pose, where, (vertices, faces))
+        yield PlacedShape("mesh", np.empty(0), pose, where, (vertices, faces))
     for shape, pose in posed("planes", message.planes, message.plane_poses):
-        yield Shape("plane", np.array(shape.coef, dtype=np.float64), pose, where)
+        yield PlacedShape("plane", np.array(shape.coef, dtype=np.float64), pose, where)
 
 
 def _pose(message: Any, name: str) -> Array:

@@ -18,8 +18,8 @@ from comove.io.files import existing_file
 from comove.model.files.moveit import (
     N_SIZES,
     CollisionObject,
+    PlacedShape,
     PlanningScene,
-    Shape,
     fault_of_mesh,
     fault_of_triangles,
     homogeneous,
@@ -119,7 +119,7 @@ def read(path: Path) -> PlanningScene:
     return PlanningScene(tuple(found))
 
 
-def _shape(words: _Words) -> Shape:
+def _shape(words: _Words) -> PlacedShape:
     """Return the next shape."""
     kind, where, sizes, mesh = words.word(), words.place, np.empty(0), None
     if kind == "mesh":
@@ -140,4 +140,4 @@ def _shape(words: _Words) -> Shape:
         )
     pose = words.pose()
     words.numbers(4)  # its colour
-    return Shape(kind, sizes, pose, where, mesh)
+    return PlacedShape(kind, sizes, pose, where, mesh)
