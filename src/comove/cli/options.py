@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -166,6 +166,13 @@ class Trusted:
         motion, (against, robot) = verified_against(folder, scene=scene, robot=self.robot)
         say(f"verified against {against}, {robot}", file=sys.stderr)
         return motion
+
+
+def require_defaults(options: Any, what: str, way_out: str) -> None:
+    """Refuse the first option of a group that was given."""
+    for field in fields(options):
+        if getattr(options, field.name) != field.default:
+            raise OptionError(what, key="--" + field.name.replace("_", "-"), way_out=way_out)
 
 
 def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:

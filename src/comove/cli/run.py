@@ -17,7 +17,7 @@ from comove.cli.app import (
     refuse_robot_options,
     verb,
 )
-from comove.cli.robot_runs import USUAL_RATE, SimulatedRun, run_joints
+from comove.cli.robot_runs import USUAL_RATE, SimulatedRun, StreamOptions, run_in_ros, run_joints
 from comove.cli.texts import HANDS_ALONE
 from comove.errors import OptionError
 
@@ -79,6 +79,7 @@ def run(
     ] = None,
     hands_alone: o.HandsAlone = False,
     *,
+    ros: StreamOptions,
     limits: o.RunLimits,
     json: Annotated[bool, typer.Option("--json", help="Print the summary in JSON and nothing else.")] = False,
 ) -> int:
@@ -123,7 +124,10 @@ def run(
         how = SimulatedRun(
             rate or USUAL_RATE, grasp or SimulatedRun.grasp, perturbed, budget, pictures, film is True
         )
+        if ros.wanted():
+            return run_in_ros(loaded, scene, out, robot, how, ros, seed=seed, json=json)
         return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
+    o.require_defaults(ros, "no robot carries the load", "leave it out, or name a --robot")
     refuse_robot_options("no robot carries the load", "leave it out, or name a --robot")
     if period is None:
         period = PERIOD if rate is None else 1.0 / rate

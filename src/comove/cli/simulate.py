@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,10 +65,7 @@ class RehearsalOptions:
                 f"robots are simulated in ROS 2, not in ROS {self.ros}", key="--ros", way_out="give 2"
             )
         if self.ros is None:
-            for field in fields(self):
-                if getattr(self, field.name) != field.default:
-                    option = "--" + field.name.replace("_", "-")
-                    raise OptionError("no robot is served in ROS", key=option, way_out="give --ros 2 as well")
+            o.require_defaults(self, "no robot is served in ROS", "give --ros 2 as well")
             return False
         o.require_one_of(self.part, PARTS, "part")
         o.require_approach(self.present, self.part == "approach")

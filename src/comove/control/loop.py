@@ -54,7 +54,7 @@ class ExecutionLog:
     ----------
     events : events in their order
     control, planning : computing times of control steps, and of attempts to plan [s]
-    plans, planned : number of all attempts to plan, and their computing time [s]
+    plans, planned : number of all attempts to plan, and the computing time of those within control steps [s]
     blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
         border, the number of the file's obstacles for all else that is seen
     relaxed : by how much the safety filter had to relax its rows at most [m/s]
@@ -75,10 +75,10 @@ class ExecutionLog:
     generations: int = 0
     first_plan: float | None = None
 
-    def note_plan(self, time: float) -> None:
-        """Note an attempt to plan and its computing time [s]."""
+    def note_plan(self, time: float, *, aside: bool = False) -> None:
+        """Note an attempt to plan, within a control step or beside them, and its computing time [s]."""
         self.planning.append(time)
-        self.plans, self.planned = self.plans + 1, self.planned + time
+        self.plans, self.planned = self.plans + 1, self.planned + (0.0 if aside else time)
 
     def note(self, allowed: Allowed, scene: Scene) -> None:
         """Note the safety filter's result: blocking obstacle and relaxation."""
@@ -312,6 +312,10 @@ class ControlLoop:
     def hands(self, poses: HandPoses) -> Array:
         """Return the end effectors at given poses; array, shape (n_manipulators, 3) [m]."""
         return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
+
+    def let_pass(self, until: float) -> None:
+        """Let time pass without a control step, until an instant [s]. What is executed rests."""
+        self.n_steps = max(self.n_steps, round(until / self.period))
 
     def tell(self, what: str) -> None:
         """Add an event to the log."""

@@ -121,6 +121,10 @@ class Observed(Observer):
             )
         self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))
 
+    def is_news(self, obstacle: int, time: float) -> bool:
+        """Return whether a measurement at an instant [s] comes after the last one of an obstacle, by number."""
+        return time > self._when[obstacle]
+
     def _take_in(self, which: Integers, centers: Array, time: float) -> None:
         """Update obstacles' estimates by centres, (n_measured, 3) [m], of an instant [s]."""
         belief = informed(self._predicted(which, time), centers, self.sensor.noise**2, self._expected)

@@ -258,10 +258,12 @@ class RosGripper(Sparse):
 class RosNames(Sparse):
     """Names in ROS, with ``{arm}`` for the name of each arm."""
 
-    LATER = ("action", "joint_states", "gripper")
+    LATER = ("action", "joint_states", "gripper", "commands")
 
     action: str | None = None
     joint_states: str | None = None
+    commands: str | None = None
+    """Topic on which a controller takes positions or short trajectories, step by step."""
     gripper: RosGripper | None = None
 
 

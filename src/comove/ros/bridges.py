@@ -122,9 +122,13 @@ class BridgeProcess:
         lines = self._errors.read()[-4000:].decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "without a word"
 
+    def end_input(self) -> None:
+        """End the input of the process, which then ends what moves, and itself."""
+        self._commands.put(None)
+
     def close(self) -> None:
         """End the process, which cancels its goals first."""
-        self._commands.put(None)
+        self.end_input()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(CLOSING)
         self._process.kill()

@@ -22,6 +22,8 @@ PROGRAM = Path(__file__).with_name("ros2_robot.py")
 FASTEST = 500.0  # Hz, of joint states
 FEEDBACK = 0.05  # s, between feedbacks
 CLOCK = 0.004  # s, between messages of simulated time
+SEEN = 0.01  # s, between messages of the obstacles
+OBSTACLES = "/obstacles"  # topic of the centres of those that move, in their order
 LATE = 0.1  # s, by which the simulation may be behind the clock without a word
 AT_ONCE = 25  # steps between looks at what arrives while it catches up
 STARTING = 20.0  # s, for a Python to load ROS and to join its graph
@@ -110,6 +112,7 @@ class Rehearsal:
             "joint_states": controllers.names.joint_states,
             "joints": controllers.joint_names,
             "sim_time": self.settings.sim_time,
+            "obstacles": OBSTACLES if self.robot.scene.moving.any() else None,
         }
         process, answer, _ = started(PROGRAM, command, "serving", STARTING, python)
         if answer["event"] == "serving":
@@ -130,7 +133,9 @@ class Rehearsal:
         rows.append(("joint states", f"{topic}, {n_joints} joints, {rate:.4g} Hz"))
         rows.append(("time", "simulated, on /clock" if self.settings.sim_time else "the system's"))
         if self.robot.scene.moving.any():
-            rows.append(("moving obstacles", "begin with the first goal of an arm"))
+            rows.append(
+                ("moving obstacles", f"begin with the first command of an arm, {OBSTACLES} tells where")
+            )
         return rows
 
     def run(self, ends: Callable[[], bool]) -> None:
@@ -189,6 +194,9 @@ class Rehearsal:
             self._bridge.tell({"do": "clock", "stamp": self.now})
         if robot.n_steps % self._every(1.0 / self.settings.rate) == 0:
             self._bridge.tell({"do": "states", "stamp": self.now, **controllers.states()})
+        if robot.scene.moving.any() and robot.n_steps % self._every(SEEN) == 0:
+            centers = robot.obstacle_centers.tolist()
+            self._bridge.tell({"do": "obstacles", "stamp": self.now, "centers": centers})
         if robot.n_steps % self._every(FEEDBACK) == 0:
             for server in controllers.servers.values():
                 if server.is_busy:
@@ -221,10 +229,13 @@ class Rehearsal:
             if action is not None:
                 self._end(action, servers[action].cancel(event["goal"]))
         elif kind == "stream":
-            reason = self._controllers.stream(event["arm"], event["position"])
+            reason, topic = self._controllers.stream(event, self.now), event["topic"]
             if reason:
-                about = f"warning: position commands of '{event['arm']}' are ignored"
-                self._tell_once(f"{event['arm']}: {reason}", f"{about} while {reason}")
+                self._tell_once(
+                    f"{topic}: {reason}", f"warning: commands of {topic} are ignored while {reason}"
+                )
+            else:
+                self.robot.begin_obstacles()
         elif kind in ("ended", "refused"):
             self.ended = f"the interfaces of ROS ended: {event.get('what') or self._bridge.last_words()}"
 

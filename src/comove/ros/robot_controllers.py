@@ -17,9 +17,10 @@ from comove.robots.description import RosGripper
 from comove.robots.model import Robot
 from comove.ros.bridges import Event
 from comove.ros.clients import ARM, Names
+from comove.ros.streams import StreamNames
 from comove.ros.trajectory_control import NANO, ControlState, GoalEnd, TrajectoryController, TrajectoryGoal
 
-STREAM = "/{arm}_position_controller/commands"
+TRAJECTORIES = "joint_trajectory"  # topic of a controller beside its action
 
 
 class MovedRobot(Protocol):
@@ -50,6 +51,10 @@ class MovedRobot(Protocol):
     @property
     def is_broken(self) -> bool:
         """Return whether it can go on no more."""
+
+    @property
+    def obstacle_centers(self) -> Array:
+        """Return the centres of the moving obstacles; array, shape (n_moving, 3) [m]."""
 
     def begin_obstacles(self) -> None:
         """Let moving obstacles begin now, unless they have begun."""
@@ -137,6 +142,10 @@ class JointServer:
     def cancel(self, number: str) -> list[GoalEnd]:
         """End a goal and hold."""
         return self.controller.cancel(number, self._measured())
+
+    def follow(self, goal: TrajectoryGoal, now: int) -> None:
+        """Follow a trajectory that is not a goal from now on [ns]."""
+        self.controller.follow(goal, now, self._measured())
 
     def update(self, now: int) -> tuple[Array, list[GoalEnd]]:
         """Return commanded positions, velocities and accelerations, and ended goals."""
@@ -290,7 +299,12 @@ class RobotControllers:
             )
             for action, columns in self._moved.items()
         }
-        self.streams = {STREAM.replace(ARM, arm): arm for arm in self._columns}
+        topics = StreamNames.of(robot.robot).topics({arm: [arm] for arm in self._columns})
+        self._streamed = {
+            topic: [column for arm in moved for column in self._columns[arm]]
+            for topic, moved in topics.items()
+        }
+        self._short = {f"{action.rpartition('/')[0]}/{TRAJECTORIES}": action for action in self.arms}
         self._grippers = dict[str, GripperServer]()
         self.fingers = dict[str, FingerServer | GripperServer]()
         if (gripper := names.gripper) is not None:
@@ -347,19 +361,41 @@ class RobotControllers:
         self.robot.step(*self._command.copy())
         yield from found
 
-    def stream(self, arm: str, position: Sequence[float]) -> str:
-        """Hold streamed positions of an arm; return the reason why they are ignored, empty if they are not."""
-        columns = self._columns[arm]
-        action = next(action for action, moved in self._moved.items() if columns[0] in moved)
-        controller = self.arms[action].controller
+    @property
+    def streams(self) -> dict[str, str]:
+        """Return the topics of commands, and what they take: positions or short trajectories."""
+        return {**dict.fromkeys(self._streamed, "positions"), **dict.fromkeys(self._short, "trajectory")}
+
+    def stream(self, event: Event, now: int) -> str:
+        """Follow a streamed command [ns]; return the reason why it is ignored, empty if it is not."""
+        topic = event["topic"]
+        if topic in self._short:
+            return self._follow(self._short[topic], event, now)
+        columns, position = self._streamed[topic], event["position"]
         if len(position) != len(columns) or not np.isfinite(position).all():
             return f"they are not {len(columns)} finite numbers"
-        if self.arms[action].is_busy:
-            return f"{action} has a goal"
-        held: Array = controller.desired.position.copy()
-        held[[self._moved[action].index(column) for column in columns]] = position
-        controller.hold(held)
+        moved = {action: [c for c in columns if c in own] for action, own in self._moved.items()}
+        for action, own in moved.items():
+            if own and self.arms[action].is_busy:
+                return f"{action} has a goal"
+        for action, own in moved.items():
+            if own:
+                controller = self.arms[action].controller
+                held: Array = controller.desired.position.copy()
+                held[[self._moved[action].index(c) for c in own]] = [position[columns.index(c)] for c in own]
+                controller.hold(held)
         return ""
+
+    def _follow(self, action: str, event: Event, now: int) -> str:
+        """Follow a short trajectory [ns]; return the reason why it is ignored."""
+        server = self.arms[action]
+        if server.is_busy:
+            return f"{action} has a goal"
+        goal = TrajectoryGoal.of_message({"goal": "", "path": [], "end": [], "late": 0.0, **event})
+        reason = server.controller.error_of(goal, now)
+        if not reason:
+            server.follow(goal, now)
+        return reason
 
     def offers(self) -> list[tuple[str, str]]:
         """Return what they offer, in words."""
@@ -371,5 +407,5 @@ class RobotControllers:
         rows += [("gripper", f"{action} ({kind})") for action in self.fingers]
         if not self.fingers:
             rows.append(("grippers", "none: the robot's description has no 'ros: gripper'"))
-        rows += [("position commands", topic) for topic in self.streams]
+        rows += [(f"streamed {kind}", topic) for topic, kind in self.streams.items()]
         return rows

@@ -5,15 +5,12 @@ does, it cancels what it has sent: an arm must not go on alone.
 """
 
 import os
-import signal
 import sys
-import threading
 import time
-import traceback
 
+from ros2_node import STALE, Ros2Node, require_names
 from ros2_program import Refused, run
 
-STALE = 1.0  # s, after which feedback that had come is missing
 LOOK = 0.1  # s, between looks at the servers
 FLUSH = 5.0  # s, for which goals are asked to end that no server has confirmed
 BEAT = 1.0  # s without a sign of comove, after which all goals are cancelled
@@ -199,36 +196,22 @@ class GripperClient:
             )
 
 
-class Ros2Bridge:
+class Ros2Bridge(Ros2Node):
     """Node that sends goals to action servers and listens to joints."""
 
     def __init__(self, tell):
-        self.tell = tell
+        super().__init__(tell)
         self.servers, self.grippers = {}, {}
-        self.numbers, self.joints, self.tellers, self.seen = set(), set(), {}, []
-        self.node = self.executor = self.thread = self.start = None
+        self.numbers, self.seen = set(), []
+        self.start = None
         self.stopping, self.beaten = False, time.monotonic()
-        self.topic = ""
 
-    def obey(self, do, **content):
-        """Execute a command."""
-        getattr(self, do)(**content)
-
-    def open(self, sim_time):
-        """Join the graph of ROS."""
-        import rclpy
+    def open(self, sim_time=False):
+        """Join the graph of ROS, and look at the servers from time to time."""
         from rclpy.clock import Clock, ClockType
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.parameter import Parameter
 
-        rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        simulated = [Parameter("use_sim_time", Parameter.Type.BOOL, True)] if sim_time else []
-        self.node = rclpy.create_node(f"comove_{os.getpid()}", parameter_overrides=simulated)
+        super().open(sim_time)
         self.node.create_timer(LOOK, self.look_at_servers, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self.thread = threading.Thread(target=self.spin, daemon=True)
-        self.thread.start()
 
     def connect(self, servers, joint_states, joints, timeout, sim_time, grippers):
         """Wait for an answer of each server, and listen to the joints."""
@@ -245,7 +228,7 @@ class Ros2Bridge:
         for name, answer in self.asked().items():
             while not answer.done():
                 self.wait(until, "answer", name)
-        while sim_time and not self.node.get_clock().now().nanoseconds:
+        while sim_time and not self.now:
             self.wait(until, "clock", "/clock")
         self.tell("connected")
 
@@ -253,16 +236,6 @@ class Ros2Bridge:
         """Return a future answer of each server: to the question to end a goal that nobody has."""
         return self.on_thread(
             lambda: {name: s.cancel(os.urandom(16).hex()) for name, s in self.servers.items()}
-        )
-
-    def listen(self, joint_states, joints):
-        """Listen to joints; to all if `joints` is None."""
-        from rclpy.qos import qos_profile_sensor_data
-        from sensor_msgs.msg import JointState
-
-        self.joints, self.topic = None if joints is None else set(joints), joint_states
-        self.node.create_subscription(
-            JointState, joint_states, self.joints_callback(), qos_profile_sensor_data
         )
 
     def look(self, joint_states, timeout):
@@ -306,16 +279,6 @@ class Ros2Bridge:
             age=[age for _, age, _ in seen],
         )
 
-    def on_thread(self, work):
-        """Return what `work` does on the executor's thread. An answer may be lost that comes while another thread has
-        sent a request and not yet noted its number."""
-        done = self.executor.create_task(work)
-        while not done.done():
-            if not self.thread.is_alive():
-                return work()
-            time.sleep(0.0005)
-        return done.result()
-
     def wait(self, until, reason, subject):
         """Wait a moment; refuse to go on when it is too late."""
         if time.monotonic() > until:
@@ -325,17 +288,6 @@ class Ros2Bridge:
             own = [server.name for server in self.servers.values() if not server.is_there]
             raise Refused(reason, subject, sorted(set(found) - set(own)))
         time.sleep(0.005)
-
-    def spin(self):
-        from rclpy.executors import ExternalShutdownException
-
-        try:
-            self.executor.spin()
-        except ExternalShutdownException:
-            return
-        except Exception:  # nothing would be heard any more
-            traceback.print_exc()
-            os.kill(os.getpid(), signal.SIGTERM)
 
     def send(self, goals, delay):
         """Send every server its goal, all with one start stamp."""
@@ -429,47 +381,16 @@ class Ros2Bridge:
         """Return the ROS time since the common start [s], or None."""
         if self.start is None:
             return None
-        now = self.node.get_clock().now().nanoseconds if stamp is None else stamp
+        now = self.now if stamp is None else stamp
         return (now - self.start.nanoseconds) * 1e-9
 
-    def joints_callback(self):
-        """Return the callback for joint states. It knows their senders where rclpy tells them."""
-        from rclpy.subscription import Subscription
-
-        if hasattr(Subscription, "CallbackType"):
-            return lambda message, info: self.on_joints(message, info)
-        return lambda message: self.on_joints(message, {})
-
-    def on_joints(self, message, info):
-        told = zip(message.name, message.position, strict=False)
-        position = {n: p for n, p in told if self.joints is None or n in self.joints}
-        if not position:
-            return
-        sender = info.get("publisher_gid") if isinstance(info, dict) else None
-        if sender is not None:
-            self.compare(position, bytes(sender["data"]))
-        now = self.node.get_clock().now().nanoseconds
-        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or now
+    def hear(self, position, stamp, now):
+        """Tell positions of joints; note them while it only looks."""
         age = (now - stamp) * 1e-9
-        if self.joints is None:  # it only looks
+        if self.joints is None:
             self.seen.append((now * 1e-9, age, list(position)))
         else:
             self.tell("joints", time=self.since_start(stamp), age=age, position=position)
-
-    def compare(self, position, sender):
-        """Tell a joint that has two senders."""
-        now = time.monotonic()
-        for joint in position:
-            before, heard = self.tellers.get(joint, (sender, now))
-            if before != sender and now - heard < STALE and None not in self.tellers:
-                self.tellers[None] = sender, now  # it is told once
-                self.tell("conflict", joint=joint, nodes=self.nodes())
-            self.tellers[joint] = sender, now
-
-    def nodes(self):
-        """Return the nodes that tell joint states."""
-        found = self.node.get_publishers_info_by_topic(self.topic)
-        return sorted({info.node_namespace.rstrip("/") + "/" + info.node_name for info in found})
 
     def look_at_servers(self):
         moves = any(not server.closed for server in self.servers.values())
@@ -479,33 +400,15 @@ class Ros2Bridge:
             server.look()
 
     def close(self):
-        """Cancel what still moves, and leave the graph of ROS: a node that is killed delays the next one."""
-        import rclpy
-
-        if self.executor is None:
-            return
-        self.cancel()
-        self.node.destroy_node()
-        rclpy.shutdown()
-        if self.thread is not None:
-            self.thread.join(2.0)
+        """Cancel what still moves, and leave the graph of ROS."""
+        if self.executor is not None:
+            self.cancel()
+            self.leave()
 
 
 def is_known(answer):
     """Return whether a server answered that the goal ends, or has ended."""
     return answer.done() and answer.result() is not None and answer.result().return_code in KNOWN
-
-
-def require_names(names):
-    """Refuse names that ROS does not take."""
-    from rclpy.exceptions import InvalidTopicNameException
-    from rclpy.validate_topic_name import validate_topic_name
-
-    for name in names:
-        try:
-            validate_topic_name(name)
-        except InvalidTopicNameException as error:
-            raise Refused("name", name, [str(error).splitlines()[0]]) from None
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@ commands and writes events, one JSON object a line.
 
 Commands:
 
-    {"do": "serve", "servers": {ACTION: TYPE}, "streams": {TOPIC: ARM}, "joint_states": TOPIC, "joints": [NAME],
+    {"do": "serve", "servers": {ACTION: TYPE}, "streams": {TOPIC: "positions" or "trajectory"},
+        "joint_states": TOPIC, "joints": [NAME], "obstacles": TOPIC or null,
         "sim_time": bool}
     {"do": "answer", "goal": NUMBER, "accepted": bool, "reason": TEXT}
     {"do": "feedback", "goal": NUMBER, "stamp": ns, "joints": [NAME], "states": {"desired": {...}, ...}}
@@ -23,7 +24,7 @@ Events:
     {"event": "grip", "server": ACTION, "goal": NUMBER, "position": [m], "effort": N}     to be answered
     {"event": "begin", "goal": NUMBER}                      an accepted goal is to be executed
     {"event": "cancel", "goal": NUMBER}
-    {"event": "stream", "arm": ARM, "position": [rad]}
+    {"event": "stream", "topic": TOPIC, "position": [rad]}, or "joints", "stamp" and "points" as of a goal
 
 When its input ends, all goals are aborted.
 """
@@ -33,6 +34,7 @@ import queue
 import threading
 import time
 from contextlib import suppress
+from functools import partial
 
 from ros2_program import run
 
@@ -171,19 +173,22 @@ def fill_gripper(message, order):
 
 def trajectory_of(request):
     """Return the goal of a trajectory as text can hold it."""
-    path = request.trajectory
-    fields = ("positions", "velocities", "accelerations", "effort")
-    points = [
-        {"time": nanoseconds(point.time_from_start), **{name: list(getattr(point, name)) for name in fields}}
-        for point in path.points
-    ]
     tolerances = {
         kind: [[t.name, t.position, t.velocity, t.acceleration] for t in given]
         for kind, given in (("path", request.path_tolerance), ("end", request.goal_tolerance))
     }
     late = nanoseconds(request.goal_time_tolerance) * 1e-9
-    stamp = nanoseconds(path.header.stamp)
-    return {"joints": list(path.joint_names), "stamp": stamp, "points": points, "late": late, **tolerances}
+    return {**points_of(request.trajectory), "late": late, **tolerances}
+
+
+def points_of(path):
+    """Return a trajectory as text can hold it."""
+    fields = ("positions", "velocities", "accelerations", "effort")
+    points = [
+        {"time": nanoseconds(point.time_from_start), **{name: list(getattr(point, name)) for name in fields}}
+        for point in path.points
+    ]
+    return {"joints": list(path.joint_names), "stamp": nanoseconds(path.header.stamp), "points": points}
 
 
 class RobotNode:
@@ -193,10 +198,10 @@ class RobotNode:
         self.tell = tell
         self.goals, self.numbers = {}, {}
         self.node = self.executor = self.thread = None
-        self.states = self.clock = self.message = None
+        self.states = self.clock = self.message = self.obstacles = None
         self.servers = []
 
-    def serve(self, servers, streams, joint_states, joints, sim_time):
+    def serve(self, servers, streams, joint_states, joints, sim_time, obstacles):
         """Join the graph of ROS with all interfaces."""
         import rclpy
         from rclpy.executors import MultiThreadedExecutor
@@ -212,6 +217,8 @@ class RobotNode:
             self.serve_clock()
         self.servers = [ServedAction(self, name, kind) for name, kind in servers.items()]
         self.listen(streams)
+        if obstacles is not None:
+            self.serve_obstacles(obstacles)
         # A goal keeps a thread until it ends, one that is replaced until its end is told.
         self.executor = MultiThreadedExecutor(4 + 3 * len(servers))
         self.executor.add_node(self.node)
@@ -232,16 +239,41 @@ class RobotNode:
         self.clock, self.clock_message = self.node.create_publisher(Clock, "/clock", quick), Clock()
 
     def listen(self, streams):
-        """Listen to streams of positions."""
+        """Listen to streams of positions and of short trajectories."""
         from std_msgs.msg import Float64MultiArray
+        from trajectory_msgs.msg import JointTrajectory
 
-        for topic, arm in streams.items():
-            self.node.create_subscription(
-                Float64MultiArray,
-                topic,
-                lambda message, arm=arm: self.tell("stream", arm=arm, position=list(message.data)),
-                10,
-            )
+        def on_positions(message, topic):
+            self.tell("stream", topic=topic, position=list(message.data))
+
+        def on_trajectory(message, topic):
+            self.tell("stream", topic=topic, **points_of(message))
+
+        kinds = {
+            "positions": (Float64MultiArray, on_positions),
+            "trajectory": (JointTrajectory, on_trajectory),
+        }
+        for topic, kind in streams.items():
+            message, take = kinds[kind]
+            self.node.create_subscription(message, topic, partial(take, topic=topic), 10)
+
+    def serve_obstacles(self, topic):
+        from geometry_msgs.msg import Pose, PoseArray
+        from rclpy.qos import qos_profile_sensor_data
+
+        self.obstacles = self.node.create_publisher(PoseArray, topic, qos_profile_sensor_data)
+        self.poses, self.pose = PoseArray(), Pose
+        self.poses.header.frame_id = "world"
+
+    def publish_obstacles(self, stamp, centers):
+        """Publish the centres of the moving obstacles."""
+        set_time(self.poses.header.stamp, stamp)
+        self.poses.poses = []
+        for center in centers:
+            pose = self.pose()
+            pose.position.x, pose.position.y, pose.position.z = center
+            self.poses.poses.append(pose)
+        self.obstacles.publish(self.poses)
 
     def spin(self):
         from rclpy.executors import ExternalShutdownException
@@ -275,6 +307,8 @@ class RobotNode:
             self.publish_states(**content)
         elif do == "clock":
             self.publish_clock(**content)
+        elif do == "obstacles":
+            self.publish_obstacles(**content)
         else:
             self.order(do, **content)
 
@@ -299,4 +333,4 @@ class RobotNode:
 
 
 if __name__ == "__main__":
-    run(RobotNode, ("rosgraph_msgs.msg", "std_msgs.msg"))
+    run(RobotNode, ("rosgraph_msgs.msg", "std_msgs.msg", "geometry_msgs.msg"))

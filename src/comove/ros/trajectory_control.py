@@ -326,9 +326,14 @@ class TrajectoryController:
     def accept(self, goal: TrajectoryGoal, now: int, present: ControlState) -> list[GoalEnd]:
         """Follow a goal from now on [ns]. Return the end of the one that it replaces."""
         replaced = self._ended("ABORTED", INVALID_GOAL, "Current goal preempted by new incoming action.")
-        self._trajectory, self.goal = GoalTrajectory(goal, self.joints, now, present), goal
+        self.follow(goal, now, present)
+        self.goal = goal
         self._tolerances, self._is_first = resolved(goal, self.joints, self.own), True
         return replaced
+
+    def follow(self, goal: TrajectoryGoal, now: int, present: ControlState) -> None:
+        """Follow a trajectory from now on [ns], as one that comes on a topic: its end is not told."""
+        self._trajectory = GoalTrajectory(goal, self.joints, now, present)
 
     def cancel(self, number: str, present: ControlState) -> list[GoalEnd]:
         """End the active goal by its number, and hold the present positions."""

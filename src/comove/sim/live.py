@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from comove.arrays import Array
 from comove.errors import OptionError, RobotError
 from comove.planning.search import Interruption
 from comove.processes import one_blas_thread
@@ -97,7 +96,7 @@ def _run(
         while executor.time < budget - 1e-9 and not interruption.wished:
             before = executor.position.copy()
             try:
-                command = _command(executor, data.qpos[world.qpos])
+                command = executor.command(data.qpos[world.qpos])
             except RobotError as error:  # something holds the robot
                 given_up = error.message
                 break
@@ -120,17 +119,6 @@ def _run(
     record.arrived, record.unstable = executor.arrived, broken(data)
     record.interrupted = interruption.wished
     return record
-
-
-def _command(executor: JointExecutor, measured: Array) -> Array:
-    """Return the next command, also of a displaced robot."""
-    if not executor.driven_off:
-        try:
-            return executor.step(measured)
-        except RobotError:
-            if not executor.driven_off:
-                raise
-    return executor.recover(measured)
 
 
 def _move_obstacles(data: Any, executor: JointExecutor) -> None:

@@ -102,6 +102,13 @@ class SimulatedRobot:
         """Return whether the simulation is unstable."""
         return broken(self._data)
 
+    @property
+    def obstacle_centers(self) -> Array:
+        """Return the centres of the moving obstacles; array, shape (n_moving, 3) [m]."""
+        since = max(self.time - self._obstacles_begin, 0.0)
+        at = obstacle_time(np.array([since]), self.scene.duration)
+        return self.scene.centers_at(at)[0, self.scene.moving]
+
     def begin_obstacles(self) -> None:
         """Let moving obstacles begin now, unless they have begun."""
         self._obstacles_begin = min(self._obstacles_begin, self.time)

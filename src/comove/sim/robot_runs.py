@@ -11,6 +11,7 @@ joints, and the payload from the end effectors.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,9 +47,13 @@ from comove.sim.loads import are_poses, carried, hand_poses, load_of, points_of
 if TYPE_CHECKING:
     from comove.control.loop import ExecutionLog
     from comove.robots.online.executor import JointRecord
+    from comove.robots.online.streamed import StreamedRun
 
 LOST = 0.5  # rad, difference of measured and commanded joints from which on a robot counts as driven off
 HELD, PLACED = 5e-3, 2e-2  # m, by which a load may move in the hands, and be off its place when it is grasped
+MEASURED = (
+    "measured"  # obstacles of a run, which are where they were taken to be; else where the scene has them
+)
 ARRIVED, AT_REST = 1e-3, 5e-3  # m and m/s, of commanded hands at the end
 
 _TYPES = (
@@ -79,11 +84,13 @@ def write_robot_run(
     seed: int,
     wall_time_s: float,
     source: str | Path | None = None,
+    more: Mapping[str, Any] | None = None,
 ) -> Summary:
     """Write both files and the scene; return the summary.
 
     Parameters
     ----------
+    more : further entries of the summary
     source : the robot's description: the name of a bundled one or a path; that of the scene unless given
     """
     (folder / SCENE).write_bytes(canonical(record.scene.file) + b"\n")
@@ -111,6 +118,7 @@ def write_robot_run(
         "wall_time_s": wall_time_s,
         "blocking": {str(obstacle): steps for obstacle, steps in sorted(log.blocking.items())},
         **log.summary,
+        **(more or {}),
     }
     arrays = {
         "time": np.array(record.time),
@@ -148,7 +156,7 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
     arrays, summary = stored.arrays, stored.summary
     _require_shapes(stored, scene, robot)
     time = arrays["time"]
-    moved = scene.centers_at(time)
+    moved = arrays["obstacle_center"] if summary.get("obstacles") == MEASURED else scene.centers_at(time)
     record = OnlineRecord(
         scene,
         robot,
@@ -175,6 +183,33 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
     elif not reasons:
         reasons += _misstated(summary, report, record)
     return record, replace(report, reasons=tuple(reasons))
+
+
+def streamed(run: StreamedRun) -> OnlineRecord:
+    """Return the record of a real robot's run. The payload is where measured end effectors carry it."""
+    n_steps, scene, robot = len(run.commanded), run.scene, run.robot
+    load = load_of(scene, hand_poses(robot, scene, run.commanded[:1])[0])
+    poses = np.full((n_steps, 4, 4), np.nan)
+    if load is not None:
+        begin, held = (
+            hand_poses(robot, scene, q)[:, list(load.holders)] for q in (run.commanded[:1], run.measured)
+        )
+        poses = carried(held, np.linalg.inv(begin[0]) @ load.pose)
+    return OnlineRecord(
+        scene,
+        robot,
+        run.period,
+        list(run.period * np.arange(1, n_steps + 1)),
+        list(run.commanded),
+        list(run.measured),
+        list(run.nodes),
+        list(poses),
+        list(~run.held),
+        list(run.obstacles),
+        arrived=run.arrived,
+        interrupted=run.interrupted,
+        given_up=run.given_up,
+    )
 
 
 def followed(record: JointRecord) -> OnlineRecord:

@@ -108,6 +108,7 @@ class JointExecutor(ControlLoop):
     scene : the scene; obstacles may move
     robot : the robot, whose arms are the scene's manipulators
     observer : observer of the obstacles; by default one of present places and velocities
+    plan : verified motion of the scene that is followed first; planned unless given
     seed : seed of the plans
     settings : see `OnlineSettings`
 
@@ -135,6 +136,7 @@ class JointExecutor(ControlLoop):
         robot: Robot,
         observer: Observer | None = None,
         *,
+        plan: VerifiedJointMotion | None = None,
         seed: int = 0,
         settings: OnlineSettings = OnlineSettings(),
     ):
@@ -145,7 +147,7 @@ class JointExecutor(ControlLoop):
                 "arms keep clear of what a scene names, not of clouds", key="observer", way_out=way_out
             )
         begun = clock.perf_counter()
-        self.plan = self._first_plan(scene, robot, settings, seed)
+        self.plan = self._first_plan(scene, robot, settings, seed) if plan is None else plan
         planned, scene = clock.perf_counter() - begun, scene.held_as_in(self.plan.scene)
         standing = scene.standing()
         carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
@@ -232,6 +234,35 @@ class JointExecutor(ControlLoop):
             joints=position,
         )
 
+    def command(self, measured: Array) -> Array:
+        """Perform one control step, of a displaced robot as well; return the joints to command.
+
+        Arrays, shape (n_joints,) [rad]. It raises what `recover` does.
+        """
+        if not self.driven_off:
+            try:
+                return self.step(measured)
+            except RobotError:
+                if not self.driven_off:
+                    raise
+        return self.recover(measured)
+
+    def rest_at(self, joints: Array) -> None:
+        """Rest at joints at which a robot has braked, near the command; array, shape (n_joints,) [rad].
+
+        The reference waits meanwhile.
+
+        Raises
+        ------
+        RobotError
+            If the payload cannot be held there.
+        """
+        self.position[self.held.columns] = joints[self.held.columns]
+        poses = self.payload_at(self.position)
+        if not self.held.hold(poses):
+            raise self._cannot_go_on()
+        self._stop_at(poses)
+
     def recover(self, measured: Array) -> Array:
         """Perform a control step of a displaced robot; return the joints to command.
 
@@ -298,13 +329,14 @@ class JointExecutor(ControlLoop):
 
     def _go_on(self) -> None:
         """Start steps at the end of the recovery path."""
-        poses = self._nearest(self._tools(self.position))
-        if not self.held.hold(poses):
-            raise self._cannot_go_on()
-        self._stop_at(poses)
+        self.rest_at(self.position)
         self.replanner.stand(self.replanner.present(self))
         self._recovery = None
         self.tell("it goes on from where it stands")
+
+    def payload_at(self, joints: Array) -> HandPoses:
+        """Return the payload's poses nearest to the end effectors at all joints, (n_joints,) [rad]."""
+        return self._nearest(self._tools(joints))
 
     def _tools(self, joints: Array) -> Array:
         """Return the poses of the end effectors at all joints, (n_joints,); array, shape (n_hands, 4, 4)."""

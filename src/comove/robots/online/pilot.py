@@ -5,13 +5,16 @@ with their present motion, would meet the arms or the payload along it. Where th
 reference is no longer the plan, the best trajectory of the roadmap is computed; it begins where the reference,
 followed during the computation and then braked, comes to a stop, and is chosen if it is better by enough. For arms
 that were displaced to where the roadmap does not lead, a new path is planned once they rest. All of that is counted
-in nodes and slots, never in computing time, so that runs repeat.
+in nodes and slots, never in computing time, so that runs repeat: simulated time pauses meanwhile. Where time does not
+wait, it is computed beside the control steps (`Pilot.aside`), and taken while the reference has not yet braked.
 """
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,6 +77,36 @@ def movers(scene: Scene, seen: Sighting) -> Sighting:
     return Sighting(*(array[moves] for array in seen))
 
 
+class Wish(NamedTuple):
+    """What a trajectory is wanted for.
+
+    Attributes
+    ----------
+    reference, clock : the reference then, and where on it the run was [s]
+    follows, since, stop : the reference that it replaces, from when on [s], and how that one brakes
+    seen : moving obstacles
+    best : cost of the reference [slots]
+    any : whether any will do
+    """
+
+    reference: MotionReference
+    clock: float
+    follows: MotionReference
+    since: float
+    stop: Stop
+    seen: Sighting
+    best: float
+    any: bool
+
+
+class Choice(NamedTuple):
+    """A trajectory that was found: the reference, whether it is clear, and the computing time [s]."""
+
+    reference: MotionReference | None
+    is_clear: bool
+    computed: float
+
+
 class Pilot(Replanner):
     """A replanner of arms with a reference on a roadmap in time.
 
@@ -86,7 +119,10 @@ class Pilot(Replanner):
     reference, clock : what is followed, and where on it the run is [s]
     is_clear : whether the last prediction found the reference clear of obstacles
     waited : time that the arms have not come along [s]
+    aside : what computes trajectories beside the control steps; None to compute them within
     """
+
+    aside: Executor | None = None
 
     def __init__(self, finder: CourseFinder, settings: PilotSettings):
         self.finder, self.settings, self.reference = finder, settings, finder.plan
@@ -94,6 +130,7 @@ class Pilot(Replanner):
         self._looked = self._chosen = self._present = -np.inf
         self._pause = settings.at_once
         self._placed: tuple[MotionReference, Places] | None = None
+        self._sought: tuple[Wish, Future[Choice]] | None = None
 
     def prepare(self, seen: Sighting) -> None:
         """Create the roadmap before the run, denser without a free trajectory. All kernels are loaded."""
@@ -107,15 +144,25 @@ class Pilot(Replanner):
 
     def update(self, run: ControlLoop) -> None:
         """Predict along the reference periodically, and replace it for a better trajectory."""
+        if self._sought is not None and self._sought[1].done():
+            (wish, future), self._sought = self._sought, None
+            self._take(run, wish, future.result())
         if not self._is_due(run.time):
             return
         seen = movers(run.scene, run.observer.observe(run.time))
-        if not self.looks_on(run.time, seen, self.waited):
+        if not self.looks_on(run.time, seen, self.waited) or self._sought is not None:
             return
-        begun, off = perf_counter(), run.distance_from(self.current(run).here)
-        found = self.choose(run.time, seen, self.present(run), off, self.waited)
-        run.log.note_plan(perf_counter() - begun)
-        if found:
+        off = run.distance_from(self.current(run).here)
+        wish = self._wish(run.time, seen, self.present(run), off, self.waited)
+        if self.aside is None:
+            self._take(run, wish, self._found(wish))
+        else:
+            self._sought = wish, self.aside.submit(self._found, wish)
+
+    def _take(self, run: ControlLoop, wish: Wish, choice: Choice) -> None:
+        """Follow what was found."""
+        run.log.note_plan(choice.computed, aside=self.aside is not None)
+        if self._adopt(wish, choice):
             self.waited = 0.0
             run.tell(f"another course, of {self.reference.duration:.2f} s")
 
@@ -175,27 +222,43 @@ class Pilot(Replanner):
         off : distance of the end effectors from the reference [m]
         waited : time that the arms have lagged [s]
         """
+        wish = self._wish(time, seen, here, off, waited)
+        return self._adopt(wish, self._found(wish))
+
+    def _wish(self, time: float, seen: Sighting, here: Way, off: float, waited: float) -> Wish:
+        """Return what a trajectory is wanted for now; see `choose`."""
         how = self.settings
         self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
         follows, clock, stop = self.reference, self.clock, self._stop()
         if off > how.off or waited >= how.patience:
             follows, clock = MotionReference.standing(here, how.reference), 0.0
             stop = Stop(how.thinking, 0.0)
-        begin, joints, _ = follows.at(follows.braked(clock, stop, stop.after))
-        found = self.finder.course(begin, joints, seen, stop)
+        wants_any = waited >= how.patience
+        return Wish(self.reference, self.clock, follows, clock, stop, seen, self._present, wants_any)
+
+    def _found(self, wish: Wish) -> Choice:
+        """Search for a trajectory."""
+        begun, (follows, since, stop) = perf_counter(), wish[2:5]
+        begin, joints, _ = follows.at(follows.braked(since, stop, stop.after))
+        found = self.finder.course(begin, joints, wish.seen, stop)
         way, left = (None, 0.0) if found is None else (found.way, found.left)
-        if way is None and waited >= how.patience:
+        if way is None and wish.any:
             way = self.finder.planned(begin, joints)
         if way is None:
-            return False
+            return Choice(None, False, perf_counter() - begun)
         path = continuous(self.finder.ground.space, np.vstack([begin, way.configurations]))[1:]
-        other = follows.spliced(clock, stop, way._replace(configurations=path), SLOT, left)
-        ahead = self._ahead(other, 0.0, seen)
-        cost = self._total(other, 0.0, ahead)
-        if waited < how.patience and cost > self._present - how.worth:
+        other = follows.spliced(since, stop, way._replace(configurations=path), SLOT, left)
+        ahead = self._ahead(other, 0.0, wish.seen)
+        better = wish.any or self._total(other, 0.0, ahead) <= wish.best - self.settings.worth
+        return Choice(other if better else None, self._is_clear(ahead), perf_counter() - begun)
+
+    def _adopt(self, wish: Wish, choice: Choice) -> bool:
+        """Follow what was found, and return true, unless the run has left its beginning meanwhile."""
+        gone = self.clock - wish.clock
+        if choice.reference is None or self.reference is not wish.reference or gone > wish.stop.thinks:
             return False
-        self.reference, self.clock, self._pause = other, 0.0, how.at_once
-        self.is_clear = self._is_clear(ahead)
+        self.reference, self.clock, self._pause = choice.reference, gone, self.settings.at_once
+        self.is_clear = choice.is_clear
         return True
 
     def stand(self, here: Way) -> None:
@@ -207,14 +270,15 @@ class Pilot(Replanner):
     def _ahead(self, reference: MotionReference, clock: float, seen: Sighting) -> Array:
         """Return a reference's costs from now on, then its end's, by slot."""
         how = self.settings.finder.courses
-        if self._placed is None or self._placed[0] is not reference:
+        placed = self._placed
+        if placed is None or placed[0] is not reference:
             slots = np.arange(1 + np.ceil(reference.duration / SLOT))
             configurations, joints, _ = reference.at(SLOT * slots)
-            self._placed = reference, self.finder.foresight.placed(Way(configurations, joints))
+            placed = self._placed = reference, self.finder.foresight.placed(Way(configurations, joints))
         first = int(np.ceil(clock / SLOT))
         slots = first + np.arange(how.n_slots + 1)
         times = SLOT * slots.astype(np.float64) - clock
-        return self.finder.foresight.cost_along(self._placed[1], slots, seen, times)
+        return self.finder.foresight.cost_along(placed[1], slots, seen, times)
 
     def _is_clear(self, ahead: Array) -> bool:
         """Return whether there is no contact soon. A close pass is allowed."""
