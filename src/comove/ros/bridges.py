@@ -63,6 +63,10 @@ class BridgeProcess:
     ----------
     python, program : path of a Python with ROS, and of the bridge
 
+    Attributes
+    ----------
+    threads : threads that read and write
+
     Raises
     ------
     OSError
@@ -87,8 +91,9 @@ class BridgeProcess:
         except OSError:
             self._errors.close()
             raise
-        for work in (self._listen, self._write):
-            threading.Thread(target=work, daemon=True).start()
+        self.threads = [threading.Thread(target=work, daemon=True) for work in (self._listen, self._write)]
+        for thread in self.threads:
+            thread.start()
 
     def tell(self, command: Mapping[str, Any]) -> None:
         """Send a command."""

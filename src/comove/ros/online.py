@@ -8,7 +8,6 @@ the obstacles or a plan, the arms stand, and nothing is commanded that was compu
 from __future__ import annotations
 
 import gc
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,11 +27,11 @@ from comove.planning.seeds import minimum_jerk
 from comove.processes import one_blas_thread
 from comove.robots.online.executor import JointExecutor
 from comove.robots.online.streamed import StreamedRun, StreamTiming
+from comove.ros.priority import prioritise_beside, priority
 from comove.ros.streams import Braked, CommandStream, Played, SeenObstacle
 
 BEGINNING = 1.0  # s, in which the arms go from where they are to where the plan begins
 AWAY = 0.01  # rad, of a joint from the beginning of the plan, at most
-SWITCH = 5e-4  # s, after which another thread may take its turn, so that plans do not delay commands
 AGAIN = 0.2  # s that everything must be in time before a run goes on
 PATIENCE = 10.0  # s, in which it is in time again
 
@@ -123,9 +122,14 @@ def run_streamed(
     SendError
         If the robot is not where the plan begins, or the stream ends.
     """
+    stream.require_clock()
     require_start(stream, executor)
     run = _Run(executor, stream, tell)
-    with _in_real_time(), ThreadPoolExecutor(1) as aside:
+    with (
+        _without_garbage(),
+        priority(stream.threads),
+        ThreadPoolExecutor(1) as aside,
+    ):
         executor.replanner.aside = aside
         try:
             run.begin(zero)
@@ -157,6 +161,7 @@ class _Run:
         """Go to the beginning of the plan; let the executor's clock begin."""
         executor, stream = self.executor, self.stream
         measured, wanted = stream.position, executor.position
+        self.zero = time.monotonic() if zero is None else zero
         n_steps = max(2, round(BEGINNING / self.period))
         stream.begin(measured)
         begun = time.monotonic()
@@ -165,7 +170,8 @@ class _Run:
             stream.follow(self.run, -2, measured + share * (wanted - measured))
         self._wait(begun + (n_steps + stream.lead + 2) * self.period)
         now = time.monotonic() + stream.lead * self.period
-        self.zero = now if zero is None else zero
+        if zero is None:
+            self.zero = now
         executor.let_pass(now - self.zero)
 
     def go(self, budget: float) -> None:
@@ -220,11 +226,9 @@ class _Run:
             self.known = seen.time
 
     def _is_in_time(self) -> bool:
-        how = self.stream.settings
-        return (
-            self.stream.joints_age <= how.joints_silence
-            and self.stream.obstacles_age <= how.obstacles_silence
-        )
+        how, stream = self.stream.settings, self.stream
+        joints, obstacles = abs(stream.joints_age), abs(stream.obstacles_age)
+        return joints <= how.joints_silence and obstacles <= how.obstacles_silence
 
     def _goes_on(self, stop: Braked) -> bool:
         """Go on from where the arms came to rest, when all is in time again; return whether it does."""
@@ -298,14 +302,12 @@ def _quantile(values: Array, q: float) -> float:
 
 
 @contextmanager
-def _in_real_time() -> Iterator[None]:
-    """Let threads take turns sooner, and collect no garbage meanwhile."""
-    interval, collects = sys.getswitchinterval(), gc.isenabled()
-    sys.setswitchinterval(SWITCH)
+def _without_garbage() -> Iterator[None]:
+    """Collect no garbage meanwhile: that takes longer than a period."""
+    collects = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        sys.setswitchinterval(interval)
         if collects:
             gc.enable()

@@ -15,6 +15,7 @@ from pathlib import Path
 from comove.errors import OptionError, SendError
 from comove.ros.bridges import BridgeProcess, Event
 from comove.ros.clients import ROS2, Names, started
+from comove.ros.priority import priority
 from comove.ros.robot_controllers import MovedRobot, RobotControllers
 from comove.ros.trajectory_control import NANO, GoalEnd
 
@@ -138,14 +139,20 @@ class Rehearsal:
             )
         return rows
 
-    def run(self, ends: Callable[[], bool]) -> None:
-        """Move the robot in real time until something ends that.
+    def run(self, ends: Callable[[], bool]) -> str:
+        """Move the robot in real time until something ends that; return the reason if it ended by itself.
 
         That is `ends`, which then returns true, the end of ROS, or a simulation that breaks down.
         """
         robot, step = self.robot, self._step
         self._epoch = 0 if self.settings.sim_time else time.time_ns() - robot.n_steps * step
         began = time.monotonic_ns() - robot.n_steps * step
+        with priority(self._bridge.threads):
+            self._run(began, ends)
+        return self.ended
+
+    def _run(self, began: int, ends: Callable[[], bool]) -> None:
+        robot, step = self.robot, self._step
         while not (self.ended or ends()):
             behind = (time.monotonic_ns() - began) // step - robot.n_steps
             if behind * step > LATE * NANO:

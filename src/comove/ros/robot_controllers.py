@@ -20,6 +20,7 @@ from comove.ros.clients import ARM, Names
 from comove.ros.streams import StreamNames
 from comove.ros.trajectory_control import NANO, ControlState, GoalEnd, TrajectoryController, TrajectoryGoal
 
+SLOWEST = 20_000_000  # ns, in which a streamed position is reached at most
 TRAJECTORIES = "joint_trajectory"  # topic of a controller beside its action
 
 
@@ -304,6 +305,7 @@ class RobotControllers:
             topic: [column for arm in moved for column in self._columns[arm]]
             for topic, moved in topics.items()
         }
+        self._streamed_at = dict[str, int]()
         self._short = {f"{action.rpartition('/')[0]}/{TRAJECTORIES}": action for action in self.arms}
         self._grippers = dict[str, GripperServer]()
         self.fingers = dict[str, FingerServer | GripperServer]()
@@ -367,7 +369,10 @@ class RobotControllers:
         return {**dict.fromkeys(self._streamed, "positions"), **dict.fromkeys(self._short, "trajectory")}
 
     def stream(self, event: Event, now: int) -> str:
-        """Follow a streamed command [ns]; return the reason why it is ignored, empty if it is not."""
+        """Follow a streamed command [ns]; return the reason why it is ignored, empty if it is not.
+
+        Servos of robots know how fast their setpoints move: positions are reached after as long as the last one took.
+        """
         topic = event["topic"]
         if topic in self._short:
             return self._follow(self._short[topic], event, now)
@@ -378,12 +383,16 @@ class RobotControllers:
         for action, own in moved.items():
             if own and self.arms[action].is_busy:
                 return f"{action} has a goal"
+        over = min(max(now - self._streamed_at.get(topic, 0), round(self.robot.timestep * NANO)), SLOWEST)
+        self._streamed_at[topic] = now
         for action, own in moved.items():
             if own:
                 controller = self.arms[action].controller
-                held: Array = controller.desired.position.copy()
-                held[[self._moved[action].index(c) for c in own]] = [position[columns.index(c)] for c in own]
-                controller.hold(held)
+                wanted: Array = controller.desired.position.copy()
+                wanted[[self._moved[action].index(c) for c in own]] = [
+                    position[columns.index(c)] for c in own
+                ]
+                controller.glide(wanted, over, now)
         return ""
 
     def _follow(self, action: str, event: Event, now: int) -> str:

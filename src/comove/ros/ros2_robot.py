@@ -36,6 +36,7 @@ import time
 from contextlib import suppress
 from functools import partial
 
+from priority import prioritise_all
 from ros2_program import run
 
 KINDS = {"gripper_command": "GripperCommand", "parallel_gripper_command": "ParallelGripperCommand"}
@@ -224,6 +225,7 @@ class RobotNode:
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.spin, daemon=True)
         self.thread.start()
+        prioritise_all()
         self.tell(
             "serving",
             distribution=os.environ.get("ROS_DISTRO", ""),

@@ -25,6 +25,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -95,7 +96,7 @@ class StreamSettings:
 
     period: float = 0.004
     connect: float = 10.0
-    joints_silence: float = 0.1
+    joints_silence: float = 0.25
     obstacles_silence: float = 0.5
     clock: float = 0.1
 
@@ -211,13 +212,37 @@ class CommandStream:
 
     @property
     def joints_age(self) -> float:
-        """Return the time since the joints were measured last [s]."""
+        """Return the time since the joints were measured last, by their stamps [s]; negative from the future."""
         return time.monotonic() - self._heard
 
     @property
     def obstacles_age(self) -> float:
         """Return the time since obstacles were measured last [s]; 0 if none are to be told."""
         return time.monotonic() - self._seen_at if self._obstacles else 0.0
+
+    def require_clock(self) -> None:
+        """Wait until a report of the joints is as new as the clocks allow.
+
+        Raises
+        ------
+        SendError
+            If none is.
+        """
+        until = time.monotonic() + self.settings.connect
+        while not abs(self.joints_age) <= self.settings.clock:
+            self.news(0.02)
+            if time.monotonic() > until:
+                raise SendError(
+                    f"the robot tells its joints with stamps {self.ages[-1]:.2g} s old "
+                    f"({self.settings.clock:g} s allowed)",
+                    key="clock",
+                    way_out="set both clocks by the same time server (NTP)",
+                )
+
+    @property
+    def threads(self) -> list[Thread]:
+        """Return the threads that must be in time."""
+        return self._bridge.threads
 
     def begin(self, position: Array) -> None:
         """Begin to play commands, from joints at which the robot rests; array, shape (n_joints,) [rad]."""
@@ -266,13 +291,6 @@ class CommandStream:
             self._position |= event["position"]
             self._heard = event["time"]
             self.ages = [*self.ages[-9_999:], event["age"]]
-            if not abs(event["age"]) <= self.settings.clock:
-                raise SendError(
-                    f"the robot tells its joints with stamps {event['age']:.2g} s old "
-                    f"({self.settings.clock:g} s allowed)",
-                    key="clock",
-                    way_out="set both clocks by the same time server (NTP)",
-                )
         elif kind == "obstacles":
             return self._seen(event)
         elif kind == "played":

@@ -346,6 +346,11 @@ class TrajectoryController:
         """Hold positions from now on; array, shape (n_joints,) [rad]."""
         self._trajectory, self._held = None, ControlState(np.array(position, dtype=float)).or_still()
 
+    def glide(self, position: Array, over: int, now: int) -> None:
+        """Go evenly from the present command to positions, from now on and within a time [ns]."""
+        goal = TrajectoryGoal("", self.joints, 0, (Waypoint(over, position.tolist()),), {}, {}, 0.0)
+        self.follow(goal, now, self.desired)
+
     def update(self, now: int, present: ControlState) -> tuple[ControlState, list[GoalEnd]]:
         """Return the next command, and a goal that ends now.
 

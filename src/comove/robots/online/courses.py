@@ -138,7 +138,7 @@ def fewer(links: Links, within: float) -> tuple[Integers, Array]:
     return which, radius[which]
 
 
-@kernel
+@kernel(nogil=True)
 def places(
     space: Space, arms: Arms, which: tuple[Integers, Array], configurations: Array, joints: Array
 ) -> Places:
@@ -245,7 +245,7 @@ def _off_axis(axis: Array, vector: Array, out: Array) -> None:
         out[x] = vector[x] - along * axis[x]
 
 
-@kernel
+@kernel(nogil=True)
 def dangers(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> Array:
     """Return the cost of every sample at every instant; array, shape (n_times, n_samples).
 
@@ -298,7 +298,7 @@ def dangers(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> A
     return cost
 
 
-@kernel
+@kernel(nogil=True)
 def dangers_along(bodies: Places, movers: Movers, times: Array, costs: SlotCosts) -> Array:
     """Return each sample's cost at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
     (start, end, radius), (table, moved, margin) = bodies, movers
@@ -313,7 +313,7 @@ def dangers_along(bodies: Places, movers: Movers, times: Array, costs: SlotCosts
     return cost
 
 
-@kernel
+@kernel(nogil=True)
 def least_costs(net: Roadmap, cost: Array, left: Array) -> tuple[Array, Integers]:
     """Return the least costs of nodes and slots, and choices. A choice is an edge or `WAIT`.
 

@@ -302,7 +302,7 @@ def _direction(a: Array, b: Array) -> Direction:
     return (b[0] - a[0]) / size, (b[1] - a[1]) / size, (b[2] - a[2]) / size
 
 
-@kernel
+@kernel(nogil=True)
 def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkNeeds) -> bool:
     """Return whether placed links keep clear of obstacles, payload and each other.
 
@@ -319,7 +319,7 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
     return other >= needs.other and still >= needs.still
 
 
-@kernel
+@kernel(nogil=True)
 def clearances_along(
     arms: Arms, joints: Array, nodes: Array, table: Array, clearance: float
 ) -> tuple[Array, float, float]:

@@ -34,6 +34,8 @@ from comove.robots.online.courses import Places
 from comove.robots.online.reference import MotionReference, ReferenceSettings, Stop
 from comove.robots.online.roadmap import SLOT, Way
 
+LONGER, LONGEST = 1.5, 1.0  # times the last computation, and s, that the next one beside the steps may take
+
 
 @dataclass(frozen=True)
 class PilotSettings:
@@ -128,7 +130,7 @@ class Pilot(Replanner):
         self.finder, self.settings, self.reference = finder, settings, finder.plan
         self.clock, self.waited, self.is_clear = 0.0, 0.0, False
         self._looked = self._chosen = self._present = -np.inf
-        self._pause = settings.at_once
+        self._pause, self._thinking = settings.at_once, settings.thinking
         self._placed: tuple[MotionReference, Places] | None = None
         self._sought: tuple[Wish, Future[Choice]] | None = None
 
@@ -162,6 +164,8 @@ class Pilot(Replanner):
     def _take(self, run: ControlLoop, wish: Wish, choice: Choice) -> None:
         """Follow what was found."""
         run.log.note_plan(choice.computed, aside=self.aside is not None)
+        if self.aside is not None:
+            self._thinking = min(max(self.settings.thinking, LONGER * choice.computed), LONGEST)
         if self._adopt(wish, choice):
             self.waited = 0.0
             run.tell(f"another course, of {self.reference.duration:.2f} s")
@@ -232,7 +236,7 @@ class Pilot(Replanner):
         follows, clock, stop = self.reference, self.clock, self._stop()
         if off > how.off or waited >= how.patience:
             follows, clock = MotionReference.standing(here, how.reference), 0.0
-            stop = Stop(how.thinking, 0.0)
+            stop = Stop(self._thinking, 0.0)
         wants_any = waited >= how.patience
         return Wish(self.reference, self.clock, follows, clock, stop, seen, self._present, wants_any)
 
@@ -294,7 +298,7 @@ class Pilot(Replanner):
     def _stop(self) -> Stop:
         """Return the stop of the reference from its present speed."""
         how, moment = self.settings, 0.02  # s
-        then = self.clock + how.thinking
+        then = self.clock + self._thinking
         p, q = self.reference.at(np.array([then, then + moment]))[0]
         speed = span(self.finder.ground.space, p, q) / moment
-        return Stop(how.thinking, speed / (how.braking * self.finder.standing.acceleration_limit))
+        return Stop(self._thinking, speed / (how.braking * self.finder.standing.acceleration_limit))

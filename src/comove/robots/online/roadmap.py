@@ -90,7 +90,7 @@ class Ground(NamedTuple):
     step: float
 
 
-@kernel
+@kernel(nogil=True)
 def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
     """Write the straight path from p to a target; return `FREE`, `BLOCKED` or too `FAST`."""
     space, arms, needs, most, _ = ground
@@ -118,7 +118,7 @@ def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
     return FREE
 
 
-@kernel
+@kernel(nogil=True)
 def nearest(space: Space, configurations: Array, q: Array) -> int:
     """Return the number of the configuration nearest to q."""
     best, least = 0, np.inf
@@ -129,7 +129,7 @@ def nearest(space: Space, configurations: Array, q: Array) -> int:
     return best
 
 
-@kernel
+@kernel(nogil=True)
 def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, float], most: int) -> Integers:
     """Return numbers of separate configurations near q, nearest first; array, shape (n,).
 
