@@ -271,7 +271,7 @@ class _Crew(Generic[Task, Made]):
 
 
 class Ahead(Generic[Task, Made]):
-    """Process that loads modules before its task is known, as a context. It is ended at the end of the context.
+    """Process that loads modules before its tasks are known, as a context. It is ended at the end of the context.
 
     Parameters
     ----------
@@ -281,6 +281,10 @@ class Ahead(Generic[Task, Made]):
     def __init__(self, work: Callable[[Task | None], Made]) -> None:
         self._process: _Process[Task] = _Process(_packed(work))
         self._process.give(None)  # type: ignore[arg-type]  # of any task
+        self._first: tuple[str, ...] = (
+            "it is ready",
+            "it is prepared",
+        )  # answers before that to the first task
 
     def __enter__(self) -> Self:
         return self
@@ -289,14 +293,15 @@ class Ahead(Generic[Task, Made]):
         self._process.close()
 
     def work_on(self, task: Task) -> TaskResult[Task, Made]:
-        """Send the task, and wait for its result."""
+        """Send a task, and wait for its result."""
         self._process.give(task)
+        awaited, self._first = (*self._first, "the task"), ()
         said = list[tuple[str, Any]]()
         with suppress(EOFError, OSError):
-            for _ in ("it is ready", "it is prepared", "the task"):
+            for _ in awaited:
                 said.append(self._process.connection.recv())
         kind, told = said[-1] if said else ("", None)
-        if len(said) == 3 and kind == "made":
+        if len(said) == len(awaited) and kind == "made":
             return TaskResult(task, told)
         return (
             TaskResult(task, error=str(told))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -25,9 +24,10 @@ from comove.model.scene import Scene
 from comove.planning.search import Interruption
 from comove.planning.seeds import minimum_jerk
 from comove.processes import one_blas_thread
+from comove.robots.online.aside import SearchProcess
 from comove.robots.online.executor import JointExecutor
 from comove.robots.online.streamed import StreamedRun, StreamTiming
-from comove.ros.priority import prioritise_beside, priority
+from comove.ros.priority import COMMANDING, priority
 from comove.ros.streams import Braked, CommandStream, Played, SeenObstacle
 
 BEGINNING = 1.0  # s, in which the arms go from where they are to where the plan begins
@@ -125,11 +125,7 @@ def run_streamed(
     stream.require_clock()
     require_start(stream, executor)
     run = _Run(executor, stream, tell)
-    with (
-        _without_garbage(),
-        priority(stream.threads),
-        ThreadPoolExecutor(1) as aside,
-    ):
+    with SearchProcess(executor.replanner) as aside, _without_garbage(), priority(COMMANDING, stream.threads):
         executor.replanner.aside = aside
         try:
             run.begin(zero)

@@ -8,41 +8,37 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Thread, get_native_id
 
-PRIORITY, BESIDE = 10, 5  # of 99, in real time, of what is in time and what it waits for; ros2_control has 50
+PLAYING, COMMANDING, SIMULATING = 20, 15, 10  # of 99, in real time: the shorter the turn, the sooner
 SWITCH = 5e-4  # s, after which another thread of Python takes its turn
 TASKS = "/proc/self/task"  # a folder for each thread of this process, those of ROS included
 
 
-def prioritise(threads: Iterable[int], value: int = PRIORITY) -> None:
+def prioritise(threads: Iterable[int], value: int) -> None:
     """Let threads, by their native numbers, come before ordinary programs, where that is allowed.
 
-    It is where the user may set priorities, as ros2_control requires as well. What they start does not inherit it.
+    It is where the user may set priorities, as ros2_control requires as well, which has 50. What they start does not
+    inherit it.
     """
     for thread in threads:
         _set(thread, "SCHED_FIFO", value)
 
 
-def prioritise_all() -> None:
+def prioritise_all(value: int) -> None:
     """Let all threads of this process come before ordinary programs, and those of Python take short turns."""
     sys.setswitchinterval(SWITCH)
     if os.path.isdir(TASKS):
-        prioritise(int(name) for name in os.listdir(TASKS))
-
-
-def prioritise_beside() -> None:
-    """Let this thread come right after those in time: one that holds Python's lock must not wait for other programs."""
-    prioritise([get_native_id()], BESIDE)
+        prioritise((int(name) for name in os.listdir(TASKS)), value)
 
 
 @contextmanager
-def priority(threads: Sequence[Thread] = ()) -> Iterator[None]:
+def priority(value: int, threads: Sequence[Thread] = ()) -> Iterator[None]:
     """Let this thread and others come before ordinary programs, where that is allowed, within the context."""
     numbers, interval = (
         [get_native_id(), *(thread.native_id or 0 for thread in threads)],
         sys.getswitchinterval(),
     )
     sys.setswitchinterval(SWITCH)
-    prioritise(numbers)
+    prioritise(numbers, value)
     try:
         yield
     finally:

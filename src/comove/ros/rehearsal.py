@@ -15,7 +15,7 @@ from pathlib import Path
 from comove.errors import OptionError, SendError
 from comove.ros.bridges import BridgeProcess, Event
 from comove.ros.clients import ROS2, Names, started
-from comove.ros.priority import priority
+from comove.ros.priority import SIMULATING, priority
 from comove.ros.robot_controllers import MovedRobot, RobotControllers
 from comove.ros.trajectory_control import NANO, GoalEnd
 
@@ -147,7 +147,7 @@ class Rehearsal:
         robot, step = self.robot, self._step
         self._epoch = 0 if self.settings.sim_time else time.time_ns() - robot.n_steps * step
         began = time.monotonic_ns() - robot.n_steps * step
-        with priority(self._bridge.threads):
+        with priority(SIMULATING, self._bridge.threads):
             self._run(began, ends)
         return self.ended
 

@@ -21,6 +21,7 @@ from comove.ros.streams import StreamNames
 from comove.ros.trajectory_control import NANO, ControlState, GoalEnd, TrajectoryController, TrajectoryGoal
 
 SLOWEST = 20_000_000  # ns, in which a streamed position is reached at most
+STEADY = 0.05  # share of the last period of streamed positions in what is expected of the next one
 TRAJECTORIES = "joint_trajectory"  # topic of a controller beside its action
 
 
@@ -305,7 +306,7 @@ class RobotControllers:
             topic: [column for arm in moved for column in self._columns[arm]]
             for topic, moved in topics.items()
         }
-        self._streamed_at = dict[str, int]()
+        self._streamed_at = dict[str, tuple[int, int]]()
         self._short = {f"{action.rpartition('/')[0]}/{TRAJECTORIES}": action for action in self.arms}
         self._grippers = dict[str, GripperServer]()
         self.fingers = dict[str, FingerServer | GripperServer]()
@@ -383,8 +384,7 @@ class RobotControllers:
         for action, own in moved.items():
             if own and self.arms[action].is_busy:
                 return f"{action} has a goal"
-        over = min(max(now - self._streamed_at.get(topic, 0), round(self.robot.timestep * NANO)), SLOWEST)
-        self._streamed_at[topic] = now
+        over = self._expected(topic, now)
         for action, own in moved.items():
             if own:
                 controller = self.arms[action].controller
@@ -394,6 +394,14 @@ class RobotControllers:
                 ]
                 controller.glide(wanted, over, now)
         return ""
+
+    def _expected(self, topic: str, now: int) -> int:
+        """Return the time until the next command of a topic [ns], by those before."""
+        before, period = self._streamed_at.get(topic, (now - SLOWEST, SLOWEST))
+        taken = min(now - before, SLOWEST)
+        period += round(STEADY * (taken - period)) if period < SLOWEST else taken - period
+        self._streamed_at[topic] = now, period
+        return max(period, round(self.robot.timestep * NANO))
 
     def _follow(self, action: str, event: Event, now: int) -> str:
         """Follow a short trajectory [ns]; return the reason why it is ignored."""

@@ -36,7 +36,7 @@ import time
 from contextlib import suppress
 from functools import partial
 
-from priority import prioritise_all
+from priority import SIMULATING, prioritise_all
 from ros2_program import run
 
 KINDS = {"gripper_command": "GripperCommand", "parallel_gripper_command": "ParallelGripperCommand"}
@@ -198,14 +198,15 @@ class RobotNode:
     def __init__(self, tell):
         self.tell = tell
         self.goals, self.numbers = {}, {}
-        self.node = self.executor = self.thread = None
+        self.node = self.streamed = None
+        self.spun = []
         self.states = self.clock = self.message = self.obstacles = None
         self.servers = []
 
     def serve(self, servers, streams, joint_states, joints, sim_time, obstacles):
         """Join the graph of ROS with all interfaces."""
         import rclpy
-        from rclpy.executors import MultiThreadedExecutor
+        from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
         from rclpy.parameter import Parameter
         from sensor_msgs.msg import JointState
 
@@ -217,15 +218,19 @@ class RobotNode:
         if sim_time:
             self.serve_clock()
         self.servers = [ServedAction(self, name, kind) for name, kind in servers.items()]
+        self.streamed = rclpy.create_node("comove_simulated_streams", parameter_overrides=simulated)
         self.listen(streams)
         if obstacles is not None:
             self.serve_obstacles(obstacles)
         # A goal keeps a thread until it ends, one that is replaced until its end is told.
-        self.executor = MultiThreadedExecutor(4 + 3 * len(servers))
-        self.executor.add_node(self.node)
-        self.thread = threading.Thread(target=self.spin, daemon=True)
-        self.thread.start()
-        prioritise_all()
+        # Hundreds of commands a second have one of their own, which takes a tenth of the time.
+        executors = MultiThreadedExecutor(4 + 3 * len(servers)), SingleThreadedExecutor()
+        for executor, node in zip(executors, (self.node, self.streamed), strict=True):
+            executor.add_node(node)
+            thread = threading.Thread(target=self.spin, args=(executor,), daemon=True)
+            thread.start()
+            self.spun.append((executor, thread))
+        prioritise_all(SIMULATING)
         self.tell(
             "serving",
             distribution=os.environ.get("ROS_DISTRO", ""),
@@ -257,7 +262,7 @@ class RobotNode:
         }
         for topic, kind in streams.items():
             message, take = kinds[kind]
-            self.node.create_subscription(message, topic, partial(take, topic=topic), 10)
+            self.streamed.create_subscription(message, topic, partial(take, topic=topic), 1)  # the newest
 
     def serve_obstacles(self, topic):
         from geometry_msgs.msg import Pose, PoseArray
@@ -277,11 +282,11 @@ class RobotNode:
             self.poses.poses.append(pose)
         self.obstacles.publish(self.poses)
 
-    def spin(self):
+    def spin(self, executor):
         from rclpy.executors import ExternalShutdownException
 
         with suppress(ExternalShutdownException):
-            self.executor.spin()
+            executor.spin()
 
     def order(self, do, goal, **content):
         """Hand an order to the thread of its goal."""
@@ -318,7 +323,7 @@ class RobotNode:
         """Abort all goals, tell their clients, and leave the graph of ROS."""
         import rclpy
 
-        if self.executor is None:
+        if not self.spun:
             return
         until = time.monotonic() + 1.0
         for orders in list(self.goals.values()):
@@ -326,12 +331,15 @@ class RobotNode:
         while self.goals and time.monotonic() < until:
             time.sleep(0.002)
         time.sleep(0.1)  # for results on their way
-        self.executor.shutdown(1.0)
+        for executor, _ in self.spun:
+            executor.shutdown(1.0)
         for server in self.servers:
             server.server.destroy()
         self.node.destroy_node()
+        self.streamed.destroy_node()
         rclpy.shutdown()
-        self.thread.join(1.0)
+        for _, thread in self.spun:
+            thread.join(1.0)
 
 
 if __name__ == "__main__":

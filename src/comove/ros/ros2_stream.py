@@ -11,7 +11,7 @@ from contextlib import suppress
 from importlib import import_module
 
 from command_player import CommandPlayer
-from priority import prioritise_all
+from priority import PLAYING, prioritise_all
 from ros2_node import Ros2Node, names_of, nanoseconds, require_names
 from ros2_program import Refused, run
 
@@ -153,7 +153,7 @@ class Ros2Stream(Ros2Node):
         self.log = PlayedLog(self.tell, max(1, round(TOLD / self.period)))
         self.playing = threading.Thread(target=self.play, daemon=True)
         self.playing.start()
-        prioritise_all()
+        prioritise_all(PLAYING)
 
     def follow(self, run, number, position):
         """Take the next command."""

@@ -11,10 +11,10 @@ wait, it is computed beside the control steps (`Pilot.aside`), and taken while t
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -84,15 +84,12 @@ class Wish(NamedTuple):
 
     Attributes
     ----------
-    reference, clock : the reference then, and where on it the run was [s]
     follows, since, stop : the reference that it replaces, from when on [s], and how that one brakes
     seen : moving obstacles
     best : cost of the reference [slots]
     any : whether any will do
     """
 
-    reference: MotionReference
-    clock: float
     follows: MotionReference
     since: float
     stop: Stop
@@ -109,6 +106,29 @@ class Choice(NamedTuple):
     computed: float
 
 
+class Sought(NamedTuple):
+    """The run when a trajectory was wanted.
+
+    Attributes
+    ----------
+    reference, clock : its reference, and where on it the run was [s]
+    thinks : time for which it is followed until another one is taken [s]
+    choice : the trajectory, once it is found beside the control steps
+    """
+
+    reference: MotionReference
+    clock: float
+    thinks: float
+    choice: Future[Choice] = Future()
+
+
+class Searcher(Protocol):
+    """What searches for trajectories beside the control steps."""
+
+    def submit(self, wish: Wish) -> Future[Choice]:
+        """Return a trajectory that will be found."""
+
+
 class Pilot(Replanner):
     """A replanner of arms with a reference on a roadmap in time.
 
@@ -121,10 +141,10 @@ class Pilot(Replanner):
     reference, clock : what is followed, and where on it the run is [s]
     is_clear : whether the last prediction found the reference clear of obstacles
     waited : time that the arms have not come along [s]
-    aside : what computes trajectories beside the control steps; None to compute them within
+    aside : what searches for trajectories beside the control steps; None to search within them
     """
 
-    aside: Executor | None = None
+    aside: Searcher | None = None
 
     def __init__(self, finder: CourseFinder, settings: PilotSettings):
         self.finder, self.settings, self.reference = finder, settings, finder.plan
@@ -132,10 +152,12 @@ class Pilot(Replanner):
         self._looked = self._chosen = self._present = -np.inf
         self._pause, self._thinking = settings.at_once, settings.thinking
         self._placed: tuple[MotionReference, Places] | None = None
-        self._sought: tuple[Wish, Future[Choice]] | None = None
+        self._sought: Sought | None = None
+        self._rehearsed: Sighting | None = None
 
     def prepare(self, seen: Sighting) -> None:
         """Create the roadmap before the run, denser without a free trajectory. All kernels are loaded."""
+        self._rehearsed = seen
         begin, joints, _ = self.reference.at(0.0)
         self._ahead(self.reference, 0.0, seen)
         self.finder.planned(begin, joints)  # for its kernels alone
@@ -146,9 +168,9 @@ class Pilot(Replanner):
 
     def update(self, run: ControlLoop) -> None:
         """Predict along the reference periodically, and replace it for a better trajectory."""
-        if self._sought is not None and self._sought[1].done():
-            (wish, future), self._sought = self._sought, None
-            self._take(run, wish, future.result())
+        if self._sought is not None and self._sought.choice.done():
+            sought, self._sought = self._sought, None
+            self._take(run, sought, sought.choice.result())
         if not self._is_due(run.time):
             return
         seen = movers(run.scene, run.observer.observe(run.time))
@@ -157,16 +179,19 @@ class Pilot(Replanner):
         off = run.distance_from(self.current(run).here)
         wish = self._wish(run.time, seen, self.present(run), off, self.waited)
         if self.aside is None:
-            self._take(run, wish, self._found(wish))
+            self._take(run, self._now(wish), self.found(wish))
         else:
-            self._sought = wish, self.aside.submit(self._found, wish)
+            self._sought = self._now(wish)._replace(choice=self.aside.submit(wish))
 
-    def _take(self, run: ControlLoop, wish: Wish, choice: Choice) -> None:
+    def _now(self, wish: Wish) -> Sought:
+        return Sought(self.reference, self.clock, wish.stop.thinks)
+
+    def _take(self, run: ControlLoop, sought: Sought, choice: Choice) -> None:
         """Follow what was found."""
         run.log.note_plan(choice.computed, aside=self.aside is not None)
         if self.aside is not None:
             self._thinking = min(max(self.settings.thinking, LONGER * choice.computed), LONGEST)
-        if self._adopt(wish, choice):
+        if self._adopt(sought, choice):
             self.waited = 0.0
             run.tell(f"another course, of {self.reference.duration:.2f} s")
 
@@ -227,7 +252,7 @@ class Pilot(Replanner):
         waited : time that the arms have lagged [s]
         """
         wish = self._wish(time, seen, here, off, waited)
-        return self._adopt(wish, self._found(wish))
+        return self._adopt(self._now(wish), self.found(wish))
 
     def _wish(self, time: float, seen: Sighting, here: Way, off: float, waited: float) -> Wish:
         """Return what a trajectory is wanted for now; see `choose`."""
@@ -238,11 +263,19 @@ class Pilot(Replanner):
             follows, clock = MotionReference.standing(here, how.reference), 0.0
             stop = Stop(self._thinking, 0.0)
         wants_any = waited >= how.patience
-        return Wish(self.reference, self.clock, follows, clock, stop, seen, self._present, wants_any)
+        return Wish(follows, clock, stop, seen, self._present, wants_any)
 
-    def _found(self, wish: Wish) -> Choice:
+    def load(self) -> None:
+        """Search once, for the kernels alone."""
+        if (seen := self._rehearsed) is None:
+            return
+        begin, joints, _ = self.reference.at(0.0)
+        self._ahead(self.reference, 0.0, seen)
+        self.finder.course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
+
+    def found(self, wish: Wish) -> Choice:
         """Search for a trajectory."""
-        begun, (follows, since, stop) = perf_counter(), wish[2:5]
+        begun, (follows, since, stop) = perf_counter(), wish[:3]
         begin, joints, _ = follows.at(follows.braked(since, stop, stop.after))
         found = self.finder.course(begin, joints, wish.seen, stop)
         way, left = (None, 0.0) if found is None else (found.way, found.left)
@@ -256,10 +289,10 @@ class Pilot(Replanner):
         better = wish.any or self._total(other, 0.0, ahead) <= wish.best - self.settings.worth
         return Choice(other if better else None, self._is_clear(ahead), perf_counter() - begun)
 
-    def _adopt(self, wish: Wish, choice: Choice) -> bool:
+    def _adopt(self, sought: Sought, choice: Choice) -> bool:
         """Follow what was found, and return true, unless the run has left its beginning meanwhile."""
-        gone = self.clock - wish.clock
-        if choice.reference is None or self.reference is not wish.reference or gone > wish.stop.thinks:
+        gone = self.clock - sought.clock
+        if choice.reference is None or self.reference is not sought.reference or gone > sought.thinks:
             return False
         self.reference, self.clock, self._pause = choice.reference, gone, self.settings.at_once
         self.is_clear = choice.is_clear
