@@ -28,7 +28,9 @@ def played(that: CommandPlayer, rows, more: int = 400) -> np.ndarray:
 
 def speeding_up(direction, speed: float, n_steps: int = 200) -> np.ndarray:
     """Positions from rest to a speed, along a direction."""
-    rates = speed * np.minimum(np.arange(1, n_steps + 1) * PERIOD * ACCELERATION * 0.9 / max(speed, 1e-9), 1.0)
+    rates = speed * np.minimum(
+        np.arange(1, n_steps + 1) * PERIOD * ACCELERATION * 0.9 / max(speed, 1e-9), 1.0
+    )
     return np.cumsum(rates * PERIOD)[:, None] * np.asarray(direction)
 
 
@@ -62,7 +64,7 @@ def test_it_brakes_within_the_limits_and_goes_straight_on(speed, angle):
     assert np.abs(path @ [-direction[1], direction[0]]).max() < 1e-9  # no joint stops before another
     way = np.linalg.norm(path[-1] - rows[-1])
     fastest = speed * np.abs(direction).max()
-    assert way <= speed * (0.5 * fastest / ACCELERATION + 2 * PERIOD)
+    assert way <= speed * (0.5 * fastest / (CommandPlayer.SHARE * ACCELERATION) + 2 * PERIOD)
 
 
 @pytest.mark.parametrize("radius", [0.3, 1.0])

@@ -30,6 +30,7 @@ class CommandPlayer:
     """
 
     SPARE = 1.5  # times the speed limit, that a command may ask for
+    SHARE = 0.9  # of the limits of acceleration, with which it brakes
 
     def __init__(self, position: Joints, period: float, velocity: Joints, acceleration: Joints):
         self.period, self.acceleration = period, acceleration
@@ -46,9 +47,11 @@ class CommandPlayer:
 
     @property
     def is_resting(self) -> bool:
-        """Return whether the last two commands were the same."""
+        """Return whether the last two commands were the same, and no other one waits."""
         before, last = self.played[1], self.played[2]
-        return all(abs(b - a) <= STILL for a, b in zip(before, last, strict=True))
+        return not (self.waiting or self.way) and all(
+            abs(b - a) <= STILL for a, b in zip(before, last, strict=True)
+        )
 
     @property
     def has_braked(self) -> bool:
@@ -78,7 +81,7 @@ class CommandPlayer:
     def tick(self) -> tuple[Joints, int]:
         """Return the joints to command now, and the number of the command, -1 if it is none of those put in."""
         number, position = -1, self.position
-        if not self.why and not self.waiting and not self.is_resting:
+        if not (self.why or self.waiting or self.is_resting):
             self.brake("the next command is late")
         if self.way:
             position = self.way.popleft()
@@ -92,7 +95,7 @@ class CommandPlayer:
         a, b, c = last
         rates = [(z - y) for y, z in zip(b, c, strict=True)]
         bends = [(z - y) - (y - x) for x, y, z in zip(a, b, c, strict=True)]
-        limits = [limit * self.period**2 for limit in self.acceleration]
+        limits = [self.SHARE * limit * self.period**2 for limit in self.acceleration]
         # Joints that already change their speed have less left for braking, but never less than half.
         spent = [max(m - abs(w), 0.5 * m) for w, m in zip(bends, limits, strict=True)]
         periods = max(abs(v) / m for v, m in zip(rates, spent, strict=True))

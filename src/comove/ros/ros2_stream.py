@@ -189,13 +189,12 @@ class Ros2Stream(Ros2Node):
             k += 1
 
     def close(self):
-        """Brake, and leave the graph of ROS."""
+        """Play what has come, brake, and leave the graph of ROS."""
         if self.executor is None:
             return
         if self.playing is not None and self.playing.is_alive():
             until = time.monotonic() + LEAVING
-            self.brake("comove has ended")
-            while not self.player.has_braked and time.monotonic() < until:
+            while not self.player.is_resting and time.monotonic() < until:  # no command comes: it brakes
                 time.sleep(self.period)
             time.sleep(2.0 * max(HORIZON, self.period))  # the last command is played
             self.over.set()

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from comove.arrays import Array, first_least
 from comove.brief import brief
@@ -49,7 +50,8 @@ class RunTolerances:
     Attributes
     ----------
     hold_error : of commanded end effectors on the payload, which commands keep to rounding [m; a radian counts 1]
-    squeezed : of the distance change of end effectors in the simulator, with its compliant servos [m]
+    squeezed : of the distance change of end effectors in the simulator, with its compliant servos, and as commanded
+        while the arms brake by themselves [m]
     end_error : of the payload at its goal in the simulator [m]
     """
 
@@ -70,6 +72,7 @@ class OnlineRecord:
     nodes : end effectors and corners of the payload as commanded, arrays of shape (n_nodes, 3) [m]
     load : poses of the payload in the simulator, arrays of shape (4, 4)
     driven_off : whether the robot yielded to an external displacement; commands hold nothing then
+    braked : whether the arms braked by themselves, as a command was late; none did unless given
     obstacles : true positions of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]; their orientations are
         those of the scene
     period : control period [s]
@@ -90,11 +93,18 @@ class OnlineRecord:
     load: list[Array] = field(default_factory=list)
     driven_off: list[bool] = field(default_factory=list)
     obstacles: list[Array] = field(default_factory=list)
+    braked: list[bool] = field(default_factory=list)
     contacts: tuple[Contact, ...] = ()
     arrived: bool = False
     unstable: bool = False
     interrupted: bool = False
     given_up: str = ""
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Return where commands are to hold the payload to rounding; array, shape (n_steps,)."""
+        held = ~np.array(self.driven_off)
+        return held & ~np.array(self.braked) if self.braked else held
 
     @property
     def motion(self) -> JointMotion:
@@ -184,12 +194,12 @@ def judge_run(
         **measures,
         nearest=nearest,
         without_gripper=without_gripper(record.robot),
-        reasons=tuple(_reasons(record, measures, limits)),
+        reasons=tuple(_reasons(record, measures, hands, limits)),
     )
 
 
-def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -> list[str]:
-    """Return the reasons against a run with these measures."""
+def _reasons(record: OnlineRecord, m: dict[str, float], hands: Array, limits: RunTolerances) -> list[str]:
+    """Return the reasons against a run with these measures and commanded end effectors."""
     reasons = [
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts
@@ -205,6 +215,9 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         reasons.append(f"the load ends {m['end_error']:.2g} m from its goal")
     if not m["hold_error_max"] <= limits.hold_error:
         reasons.append(f"a commanded hand is off the load by {m['hold_error_max']:.2g} m or rad")
+    torn = _distance_errors(hands[~np.array(record.driven_off)])
+    if not torn <= limits.squeezed:
+        reasons.append(f"hands were commanded to change their distance by {torn:.2g} m")
     if not m["distance_error_max"] <= limits.squeezed:
         reasons.append(f"hands change their distance by {m['distance_error_max']:.2g} m")
     for name in ("velocity", "acceleration"):
@@ -217,7 +230,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
 
 def _hold_error(record: OnlineRecord, hands: Array) -> float:
     """Return the largest commanded grasp error on the payload [m, rad]."""
-    held = ~np.array(record.driven_off)
+    held = record.held
     if not held.any():
         return 0.0
     nodes, hands, grasp = np.array(record.nodes)[held], hands[held], record.scene.grasp
@@ -231,6 +244,8 @@ def _hold_error(record: OnlineRecord, hands: Array) -> float:
 def _distance_errors(hands: Array) -> float:
     """Return the largest change of two end effectors' distance [m]. `hands` is an array of shape (n_steps, n_hands,
     4, 4)."""
+    if not len(hands):
+        return 0.0
     apart = distances(hands[..., :3, 3])
     return float(np.abs(apart - apart[0]).max(initial=0.0))
 

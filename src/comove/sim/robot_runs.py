@@ -3,10 +3,12 @@
 The arrays are, after every control step, `time` (n_steps,) [s], `commanded` and `measured` (n_steps, n_joints)
 [rad], `nodes` (n_steps, n_nodes, 3), end effectors and corners of the payload as commanded [m], `load_pose`
 (n_steps, 4, 4), the payload in the simulator, `driven_off` (n_steps,), whether the robot yielded to an external
-displacement, and `obstacle_center` (n_steps, n_obstacles, 3) [m]. `scene.json` is the scene of the run.
+displacement, and `obstacle_center` (n_steps, n_obstacles, 3) [m]. `scene.json` is the scene of the run. A real
+robot's run has `braked` (n_steps,), whether its arms braked as a command was late; where `obstacles` is `measured` in
+the summary, `obstacle_center` is where the obstacles were taken to be.
 
-The verification uses joints and times of the run; it computes obstacles from the scene, end effectors from the
-joints, and the payload from the end effectors.
+The verification uses joints and times of the run; it computes obstacles that were not measured from the scene, end
+effectors from the joints, and the payload from the end effectors.
 """
 
 from __future__ import annotations
@@ -70,6 +72,7 @@ ROBOT_RUN = ResultKind(
     made_by="comove run SCENE --out DIR",
     hint="run it again",
     required=("time", "commanded", "measured", "nodes", "load_pose", "driven_off", "obstacle_center"),
+    optional=("braked",),
     unsealed=("planning_s", "control_s_median", "control_s_p999", "wall_time_s"),
     require_entries=lambda summary, file: require_types(summary, _TYPES, file),
 )
@@ -129,6 +132,8 @@ def write_robot_run(
         "driven_off": np.array(record.driven_off),
         "obstacle_center": np.array(record.obstacles),
     }
+    if record.braked:
+        arrays["braked"] = np.array(record.braked)
     return ROBOT_RUN.write(folder, summary, arrays)
 
 
@@ -168,6 +173,7 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
         list(arrays["load_pose"]),
         list(arrays["driven_off"]),
         list(moved),
+        list(arrays.get("braked", ())),
         arrived=_has_arrived(scene, arrays),
         interrupted=summary.get("interrupted") is not False,
     )
@@ -204,8 +210,9 @@ def streamed(run: StreamedRun) -> OnlineRecord:
         list(run.measured),
         list(run.nodes),
         list(poses),
-        list(~run.held),
+        [False] * n_steps,
         list(run.obstacles),
+        list(~run.held),
         arrived=run.arrived,
         interrupted=run.interrupted,
         given_up=run.given_up,
@@ -248,8 +255,11 @@ def _require_shapes(stored: Stored, scene: Scene, robot: Robot) -> None:
         "driven_off": (n,),
         "obstacle_center": (n, len(scene.motions), 3),
     }
+    truths: tuple[str, ...] = ("driven_off",)
     loose = ("load_pose",) if scene.file.load is None else ()
-    ROBOT_RUN.require_shapes(arrays, shapes, stored.folder, loose=loose, truths=("driven_off",))
+    if "braked" in arrays:
+        shapes["braked"], truths = (n,), (*truths, "braked")
+    ROBOT_RUN.require_shapes(arrays, shapes, stored.folder, loose=loose, truths=truths)
     if not (np.diff(arrays["time"], prepend=0.0) > 0).all():
         raise ResultError(
             "the times do not increase",

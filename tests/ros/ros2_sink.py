@@ -1,0 +1,97 @@
+"""A robot in ROS 2 that is where its streamed commands say, with obstacles around it.
+
+Usage: ros2_sink.py '{"topics": {TOPIC: [JOINT]}, "position": {JOINT: rad}, "obstacles": {"topic": TOPIC,
+"kind": TYPE, "frame": NAME, "names": [NAME], "centers": [[m]]}}', run by a Python with rclpy. Reads {"silent":
+"joints" or "obstacles", "for": s} and {"tell": true}, one JSON object a line. Prints "ready", and then at each "tell"
+the commands so far, with instants by the system's monotonic clock.
+"""
+
+import json
+import sys
+import threading
+import time
+from importlib import import_module
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+RATE = 100.0  # Hz, of joint states and obstacles
+
+
+def log(event, **content):
+    print(json.dumps(dict(content, event=event)), flush=True)
+
+
+class Sink:
+    def __init__(self, topics, position, obstacles=None):
+        self.node = rclpy.create_node("sink")
+        self.position, self.rows, self.silent = dict(position), [], {}
+        self.states = self.node.create_publisher(JointState, "/joint_states", 10)
+        for topic, joints in topics.items():
+            self.node.create_subscription(
+                Float64MultiArray, topic, lambda m, joints=joints: self.take(joints, m.data), 10
+            )
+        self.obstacles = obstacles
+        if obstacles is not None:
+            package, _, name = obstacles["kind"].partition("/msg/")
+            self.message = getattr(import_module(package + ".msg"), name)
+            self.seen = self.node.create_publisher(self.message, obstacles["topic"], qos_profile_sensor_data)
+        self.node.create_timer(1.0 / RATE, self.publish)
+
+    def take(self, joints, values):
+        self.position.update(zip(joints, values, strict=True))
+        self.rows.append([time.monotonic(), joints[0], *values])
+
+    def speaks(self, what):
+        return time.monotonic() > self.silent.get(what, 0.0)
+
+    def publish(self):
+        now = self.node.get_clock().now().to_msg()
+        if self.speaks("joints"):
+            message = JointState(name=list(self.position), position=list(self.position.values()))
+            message.header.stamp = now
+            self.states.publish(message)
+        if self.obstacles is not None and self.speaks("obstacles"):
+            self.seen.publish(self.around(now))
+
+    def around(self, now):
+        """The obstacles as a message."""
+        from geometry_msgs.msg import Pose
+
+        told, message = self.obstacles, self.message()
+        poses = [Pose() for _ in told["centers"]]
+        for pose, center in zip(poses, told["centers"], strict=True):
+            pose.position.x, pose.position.y, pose.position.z = center
+        if hasattr(message, "markers"):
+            marker = import_module("visualization_msgs.msg").Marker
+            for name, pose in zip(told["names"], poses, strict=True):
+                message.markers.append(marker(ns=name, pose=pose))
+                message.markers[-1].header.stamp, message.markers[-1].header.frame_id = now, told["frame"]
+            return message
+        message.header.stamp, message.header.frame_id, message.poses = now, told["frame"], poses
+        return message
+
+
+def main():
+    rclpy.init()
+    sink = Sink(**json.loads(sys.argv[1]))
+    executor = SingleThreadedExecutor()
+    executor.add_node(sink.node)
+    threading.Thread(target=executor.spin, daemon=True).start()
+    log("ready")
+    for line in sys.stdin:
+        order = json.loads(line)
+        if "silent" in order:
+            sink.silent[order["silent"]] = time.monotonic() + order["for"]
+        if "tell" in order:
+            log("rows", rows=list(sink.rows))
+    executor.shutdown(1.0)
+    sink.node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()

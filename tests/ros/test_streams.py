@@ -1,0 +1,278 @@
+"""Runs of a robot by streamed commands: here a bridge that plays them without ROS, and below the real one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from comove import Scene, solve
+from comove.control import Observed, Sensor
+from comove.errors import SendError
+from comove.robots import Robot
+from comove.robots.description import RosNames
+from comove.robots.online.executor import JointExecutor, OnlineSettings
+from comove.ros import streams
+from comove.ros.command_player import CommandPlayer
+from comove.ros.online import await_obstacles, moving_names, run_streamed
+from comove.ros.streams import CommandStream, StreamNames, StreamSettings
+from comove.sim.live_record import RunTolerances, judge_run
+from comove.sim.robot_runs import read_robot_run, streamed, verify_robot_run, write_robot_run
+from tests.robots.small_robots import EXAMPLES
+
+SCENE = EXAMPLES / "robots" / "two_ur10.yaml"
+PERIOD = 0.01
+QUICK = StreamSettings(period=PERIOD, connect=2.0)
+SETTINGS = OnlineSettings(period=PERIOD)
+
+
+class PlayedHere:
+    """A bridge without ROS: a robot that is where its commands say."""
+
+    threads = ()
+
+    def __init__(self, robot, position, obstacles=(), frame="world"):
+        self.robot, self.position = robot, list(position)
+        self.obstacles, self.frame = dict(obstacles), frame
+        self.silent, self.more = {}, []
+        self.player, self.rows, self.number = None, [], 0
+        self.over, self.lock = threading.Event(), threading.Lock()
+        self.told = -1
+        self.thread = threading.Thread(target=self.play, daemon=True)
+        self.thread.start()
+
+    def play(self):
+        due = time.monotonic()
+        while not self.over.is_set():
+            due += PERIOD
+            time.sleep(max(0.0, due - time.monotonic()))
+            with self.lock:
+                if self.player is None:
+                    continue
+                self.position, number = self.player.tick()
+                self.rows.append((time.monotonic(), number, self.player.run, self.position, self.position))
+                if self.player.has_braked and self.told != self.player.run:
+                    self.told = self.player.run
+                    self.more.append(
+                        {
+                            "event": "braked",
+                            "run": self.told,
+                            "why": self.player.why,
+                            "position": self.position,
+                        }
+                    )
+
+    def tell(self, command):
+        command = dict(command)
+        with self.lock:
+            match command.pop("do"):
+                case "begin":
+                    self.player = CommandPlayer(command["position"], PERIOD, *list(command.values())[1:])
+                case "follow":
+                    self.player.put(*command.values())
+                case "brake":
+                    self.player.brake(command["why"])
+
+    def speaks(self, what):
+        return time.monotonic() > self.silent.get(what, 0.0)
+
+    def news(self, wait):
+        time.sleep(min(max(wait, 0.0), 0.002))
+        now, found = time.monotonic(), []
+        with self.lock:
+            found, self.more = self.more, []
+            if self.speaks("joints"):
+                position = dict(zip(self.robot.joint_names, self.position, strict=True))
+                found.append({"event": "joints", "time": now, "age": 0.0, "position": position})
+            if self.obstacles and self.speaks("obstacles"):
+                found.append(
+                    {"event": "obstacles", "time": now, "frame": self.frame, "centers": self.obstacles}
+                )
+        return found
+
+    def end_input(self):
+        while not self.player.is_resting:
+            time.sleep(PERIOD)
+        with self.lock:
+            rows = zip(
+                ("time", "number", "run", "commanded", "measured"), zip(*self.rows, strict=True), strict=True
+            )
+            self.more += [dict(rows, event="played"), {"event": "played_all"}]
+
+    def last_words(self):
+        return "killed"
+
+    def close(self):
+        self.over.set()
+
+
+@pytest.fixture(scope="module")
+def planned():
+    """A scene of three seconds, and its motion."""
+    scene = Scene.load(SCENE, {"duration": 3.0})
+    found = solve(scene, budget=2.0)
+    return scene, found.joints.motion
+
+
+@pytest.fixture
+def connected(planned, monkeypatch):
+    """A stream to a robot without ROS, and an executor at its start."""
+    _, plan = planned
+    made = []
+
+    def start(position=None, **bridge):
+        at = plan.joints.position[0] if position is None else position
+        made.append(PlayedHere(plan.robot, at, **bridge))
+        answer = {"event": "connected", "kinds": ["std_msgs/msg/Float64MultiArray"]}
+        monkeypatch.setattr(streams, "started", lambda *_: (made[-1], answer, []))
+        return made[-1]
+
+    yield start
+    for bridge in made:
+        bridge.close()
+
+
+def run_of(planned, *, during=None, observer=None, zero=None, obstacles=None):
+    scene, plan = planned
+    stream = CommandStream(plan.robot, StreamNames(), QUICK, obstacles=obstacles)
+    executor = JointExecutor(scene, plan.robot, observer, plan=plan, settings=SETTINGS)
+    if during is not None:
+        usual, steps = executor.command, iter(range(10**6))
+        executor.command = lambda measured: (during(next(steps)), usual(measured))[1]
+    return run_streamed(executor, stream, 12.0, zero=zero), executor
+
+
+def hands_apart(run):
+    robot = run.robot
+    tips = np.array([[robot.tool_pose(q, arm)[:3, 3] for arm in robot.arms] for q in run.commanded])
+    distance = np.linalg.norm(tips[:, 0] - tips[:, 1], axis=1)
+    return np.abs(distance - distance[0]).max()
+
+
+def accelerations(run):
+    return np.abs(np.diff(run.commanded, n=2, axis=0)) / run.period**2 / run.robot.acceleration
+
+
+def test_a_run_arrives_and_its_record_is_verified(planned, connected, tmp_path):
+    connected()
+    run, executor = run_of(planned)
+    assert run.arrived and not run.given_up and not run.stops and run.held[:-10].all()
+    record = streamed(run)
+    report = judge_run(record, limits=RunTolerances())
+    assert report.reasons == () and report.hold_error_max < 1e-9
+    more = {"obstacles": "scene", "executed": "ros2"}
+    write_robot_run(tmp_path, record, report, executor.log, seed=0, wall_time_s=1.0, more=more)
+    _, again = verify_robot_run(read_robot_run(tmp_path), run.scene, run.robot)
+    assert again.reasons == ()
+
+
+@pytest.mark.slow
+def test_a_late_command_stops_the_arms_together_and_they_go_on(planned, connected):
+    connected()
+    run, _ = run_of(planned, during=lambda k: time.sleep(0.3) if k == 120 else None)
+    assert run.arrived and len(run.stops) >= 1 and "late" in run.stops[0]
+    assert not run.held.all() and hands_apart(run) < 2e-4
+    assert accelerations(run).max() <= 1.05
+
+
+@pytest.mark.slow
+def test_arms_wait_while_the_joints_are_silent(planned, connected):
+    bridge = connected()
+
+    def during(k):
+        if k == 100:
+            bridge.silent["joints"] = time.monotonic() + 1.5
+
+    begun = time.monotonic()
+    run, _ = run_of(planned, during=during)
+    assert run.arrived and run.stops == ("a measurement is late",) and hands_apart(run) < 2e-4
+    still = (np.abs(np.diff(run.commanded, axis=0)).max(axis=1) == 0.0).sum() * run.period
+    assert still > 0.8 and time.monotonic() - begun > 4.0
+
+
+@pytest.mark.slow
+def test_arms_wait_while_obstacles_are_not_seen(planned, connected):
+    scene, plan = planned
+    moves = {"waypoints": [[0.7, 3.0, 0.3], [0.7, 3.1, 0.3]], "times": [0.0, 3.0]}
+    data = scene.file.model_dump(mode="json", exclude_none=True)
+    data["obstacles"] = [
+        *data.get("obstacles", []),
+        {"name": "cart", "shape": "sphere", "center": [0.7, 3.0, 0.3], "radius": 0.1, "motion": moves},
+    ]
+    seen = Scene.from_dict(data)
+    bridge = connected(obstacles={"cart": [0.7, 3.0, 0.3]})
+    names = moving_names(seen)
+    assert list(names.values()) == ["cart"]
+    stream = CommandStream(plan.robot, StreamNames(obstacles="/seen"), QUICK, obstacles=names)
+    observer = Observed(seen, Sensor(noise=0.005))
+    zero = await_obstacles(stream, observer, 2.0)
+    executor = JointExecutor(seen, plan.robot, observer, plan=plan, settings=SETTINGS)
+    usual, steps = executor.command, iter(range(10**6))
+
+    def command(measured):
+        if next(steps) == 100:
+            bridge.silent["obstacles"] = time.monotonic() + 2.0
+        return usual(measured)
+
+    executor.command = command
+    run = run_streamed(executor, stream, 20.0, zero=zero)
+    assert run.arrived and run.stops == ("a measurement is late",)
+    np.testing.assert_allclose(
+        run.obstacles[:, next(iter(names))], [[0.7, 3.0, 0.3]] * len(run.commanded), atol=0.05
+    )
+
+
+def test_a_robot_elsewhere_is_not_moved(planned, connected):
+    _, plan = planned
+    at = plan.joints.position[0].copy()
+    at[3] += 0.02
+    bridge = connected(position=at)
+    with pytest.raises(SendError, match=f"'{plan.robot.joint_names[3]}' is at .* away") as found:
+        run_of(planned)
+    assert "comove send DIR --part approach" in found.value.way_out and bridge.player is None
+
+
+def test_a_bridge_that_ends_is_told(planned, connected):
+    bridge = connected()
+    with pytest.raises(SendError, match="the bridge to ROS ended: killed"):
+        run_of(planned, during=lambda k: bridge.more.append({"event": "ended"}) if k == 20 else None)
+
+
+@pytest.mark.parametrize(
+    ("frame", "centers", "words", "advice"),
+    [
+        ("camera", {"cart": [0.0, 0.0, 1.0]}, "in the frame 'camera'", "--frame 'camera'"),
+        ("world", {"card": [0.0, 0.0, 1.0]}, "tells of card, and not of 'cart'", "names"),
+        ("world", {"7": [0.0, 0.0, 1.0]}, "tells of 7", "numbers from 0"),
+    ],
+)
+def test_obstacles_that_are_not_the_scenes(planned, connected, frame, centers, words, advice):
+    connected(obstacles=centers, frame=frame)
+    stream = CommandStream(planned[1].robot, StreamNames(obstacles="/seen"), QUICK, obstacles={2: "cart"})
+    with pytest.raises(SendError, match=words) as found:
+        for _ in range(100):
+            stream.news(0.01)
+    assert advice in found.value.way_out
+
+
+def test_obstacles_have_names_or_numbers(planned, connected):
+    for centers in ({"cart": [0.0, 0.0, 1.0]}, {"0": [0.0, 0.0, 1.0]}):
+        connected(obstacles=centers)
+        stream = CommandStream(planned[1].robot, StreamNames(obstacles="/seen"), QUICK, obstacles={2: "cart"})
+        seen = [seen for _ in range(20) for seen in stream.news(0.005)]
+        assert {one.number for one in seen} == {2}
+
+
+def test_names_of_topics(planned):
+    robot = Robot.load("two_ur10")
+    arms = {"left": ["a", "b"], "right": ["c"]}
+    assert StreamNames.of(robot).topics(arms) == {
+        "/left_position_controller/commands": ["a", "b"],
+        "/right_position_controller/commands": ["c"],
+    }
+    assert StreamNames.of(robot, commands="/arms").topics(arms) == {"/arms": ["a", "b", "c"]}
+    described = robot.description.model_copy(update={"ros": RosNames(commands="/own")})
+    assert StreamNames.of(replace(robot, description=described)).commands == "/own"
