@@ -23,7 +23,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from comove.robots import Robot
 from comove.ros.clients import MIDDLEWARES, RosClient
+from comove.ros.streams import StreamNames
 
 HERE = Path(__file__).parent
 VENVS = Path(os.environ.get("COMOVE_TEST_ROS2", HERE.parents[1] / ".venv-ros2"))
@@ -39,6 +43,7 @@ class Process:
         self.process = subprocess.Popen(
             arguments,
             env={**os.environ, **environment},
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
@@ -50,6 +55,11 @@ class Process:
         for line in self.process.stdout:
             if line.startswith("{"):
                 self.events.put(json.loads(line))
+
+    def tell(self, **order: Any) -> None:
+        """Write a line that it reads."""
+        self.process.stdin.write(json.dumps(order) + "\n")
+        self.process.stdin.flush()
 
     def wait_for(self, name: str, timeout: float = 10.0) -> dict[str, Any]:
         """The next event of a name; `queue.Empty` where it does not come within `timeout` [s]."""
@@ -161,6 +171,18 @@ class Ros:
     def client(self, **settings: Any) -> RosClient:
         """Return a client for it."""
         return RosClient((self.version,), python=self.python, **settings)
+
+    def sink(
+        self, robot: Robot, position: Sequence[float], obstacles: Mapping[str, Any] | None = None
+    ) -> Process:
+        """Start a robot that is where its streamed commands say; it is there at its event "ready"."""
+        arms = {arm.name: [robot.joint_names[column] for column in arm.columns] for arm in robot.arms}
+        settings = {
+            "topics": StreamNames.of(robot).topics(arms),
+            "position": dict(zip(robot.joint_names, np.asarray(position).tolist(), strict=True)),
+            "obstacles": obstacles,
+        }
+        return Process([self.python, str(HERE / "ros2_sink.py"), json.dumps(settings)], {})
 
     def server(
         self,

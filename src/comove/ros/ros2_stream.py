@@ -17,6 +17,7 @@ from ros2_program import Refused, run
 
 POSITIONS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 HORIZON = 0.02  # s, between short trajectories
+LOOK = 0.5  # s, between looks at who else commands
 TOLD = 0.1  # s, between reports of what was played
 LEAVING = 5.0  # s, in which arms come to rest when the input has ended
 
@@ -87,7 +88,8 @@ class Ros2Stream(Ros2Node):
         obstacles : topic of the obstacles, or None
         """
         require_names([*topics, joint_states, *([] if obstacles is None else [obstacles])])
-        until = time.monotonic() + timeout
+        begun = time.monotonic()
+        until = begun + timeout
         self.period, self.silence, self.order = period, silence, joints
         self.open()
         self.listen(joint_states, joints)
@@ -95,9 +97,6 @@ class Ros2Stream(Ros2Node):
             kind = self.found(topic, self.node.get_subscriptions_info_by_topic, "stream", until)
             if kind not in (POSITIONS, TRAJECTORY):
                 raise Refused("kind", topic, [kind])
-            others = self.node.get_publishers_info_by_topic(topic)
-            if others:
-                raise Refused("commanded", topic, names_of(others))
             columns = [joints.index(name) for name in moved]
             self.streams.append(Stream(self.node, topic, kind, moved, columns, period))
         for stream in self.streams:
@@ -110,6 +109,11 @@ class Ros2Stream(Ros2Node):
             self.watch(obstacles, kind)
         while set(self.newest) < set(joints):
             wait(until, "joints", sorted(set(joints) - set(self.newest))[0], sorted(self.newest))
+        while time.monotonic() - begun < LOOK:  # others are found as late
+            time.sleep(0.01)
+        for topic, nodes in self.others():
+            raise Refused("commanded", topic, nodes)
+        self.node.create_timer(LOOK, self.look)
         self.tell("connected", kinds=sorted({stream.kind for stream in self.streams}))
 
     def found(self, topic, ends, reason, until):
@@ -123,6 +127,21 @@ class Ros2Stream(Ros2Node):
                 sorted(n for n, types in kinds if {POSITIONS, TRAJECTORY, *CENTERS} & {*types}),
             )
         return infos[0].topic_type
+
+    def others(self):
+        """Return topics that other nodes command, with the nodes."""
+        for stream in self.streams:
+            topic = stream.publisher.topic_name
+            nodes = names_of(self.node.get_publishers_info_by_topic(topic))
+            nodes.remove(self.node.get_fully_qualified_name())
+            if nodes:
+                yield topic, nodes
+
+    def look(self):
+        """Brake if another node commands the arms."""
+        for topic, nodes in self.others():
+            self.brake(f"{nodes[0]} commands '{topic}' as well")
+            self.tell("commanded", topic=topic, nodes=nodes)
 
     def watch(self, topic, kind):
         """Listen to obstacles."""
@@ -163,7 +182,8 @@ class Ros2Stream(Ros2Node):
     def brake(self, why):
         """Come to rest."""
         with self.lock:
-            self.player.brake(why)
+            if self.player is not None:
+                self.player.brake(why)
 
     def play(self):
         """Play commands until the end."""

@@ -16,6 +16,7 @@ Events, with instants by the system's monotonic clock:
     {"event": "braked", "run": n, "why": TEXT, "position": [rad]}     at rest; another run may begin
     {"event": "played", "time": [s], "number": [n], "run": [n], "commanded": [[rad]], "measured": [[rad]]}
     {"event": "played_all"}                               after the last one, when the input has ended
+    {"event": "commanded", "topic": TOPIC, "nodes": [NODE]}            others command it as well
     {"event": "refused" | "conflict", ...}                as in `comove.ros.bridges`
 """
 
@@ -303,6 +304,8 @@ class CommandStream:
                 key="joint_states",
                 way_out="end all but the robot's own, or name its topic",
             )
+        elif kind == "commanded":
+            raise _stream_refusal({"reason": kind, "what": event["topic"], "found": event["nodes"]}, 0.0)
         elif kind in ("ended", "refused"):
             raise SendError(
                 f"the bridge to ROS ended: {event.get('what') or self._bridge.last_words()}",

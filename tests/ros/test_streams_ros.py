@@ -1,0 +1,85 @@
+"""Runs streamed over the real ROS 2, on loopback: what stops when what dies."""
+
+import json
+import time
+
+import pytest
+
+from comove.errors import SendError
+from comove.robots import Robot
+from comove.ros.streams import CommandStream, StreamNames, StreamSettings
+from tests.ros.robots import JAZZY, KILTED
+from tests.ros.streaming import FAR, FAULTS, OBSTACLES, planned, rest_after, running, wait_until_it_moves
+from tests.ros.test_rehearsal import in_network
+
+pytestmark = pytest.mark.slow
+EACH = [
+    pytest.param(ros, id=ros.name, marks=pytest.mark.skipif(not ros.is_there, reason=f"needs: {ros.install}"))
+    for ros in (KILTED, JAZZY)
+]
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    return planned(tmp_path_factory.mktemp("streams"))
+
+
+@pytest.fixture(params=EACH)
+def ros(request):
+    with in_network(request.param):
+        yield request.param
+
+
+@pytest.fixture
+def sink(ros, known):
+    _, _, plan = known
+    with ros.sink(plan.robot, plan.joints.position[0], FAR) as sink:
+        sink.wait_for("ready")
+        yield sink
+
+
+def test_a_run_arrives(ros, known, sink, tmp_path):
+    scene, folder, _ = known
+    with running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process:
+        said, _ = process.communicate(timeout=90)
+    assert process.returncode == 0, said
+    summary = json.loads((tmp_path / "run" / "robot_run.json").read_text())
+    assert summary["arrived"] and summary["executed"] == "ros2" and summary["obstacles"] == "measured"
+    assert 3.9 < summary["timing_ms"]["period_p50"] < 4.1
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_arms_stand_when_something_dies(ros, known, sink, tmp_path, fault):
+    scene, folder, plan = known
+    with running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process:
+        wait_until_it_moves(sink, process)
+        at = time.monotonic()
+        FAULTS[fault](process, sink)
+        time.sleep(2.5)
+        rest = rest_after(sink, plan, at, at + 2.5)
+    assert rest.after < 1.2 and rest.torn < 1e-3 and not rest.moved_on
+
+
+def test_nobody_listens_and_the_wrong_type(ros, known, sink):
+    robot = Robot.load("two_ur10")
+    quick = StreamSettings(connect=2.0)
+    with pytest.raises(SendError, match="nobody listens to '/nowhere/commands'") as found:
+        CommandStream(robot, StreamNames("/nowhere/commands"), quick, python=ros.python)
+    assert "/left_position_controller/commands" in str(found.value)
+    with pytest.raises(SendError, match="nobody tells obstacles on '/none'"):
+        CommandStream(robot, StreamNames(obstacles="/none"), quick, obstacles={1: "cart"}, python=ros.python)
+    with pytest.raises(SendError, match="has messages of type sensor_msgs/msg/JointState"):
+        CommandStream(
+            robot, StreamNames(obstacles="/joint_states"), quick, obstacles={1: "cart"}, python=ros.python
+        )
+    with pytest.raises(SendError, match="says nothing of a joint"):
+        CommandStream(robot, StreamNames(joint_states="/no_states"), quick, python=ros.python)
+    with pytest.raises(SendError, match="ROS takes no name"):
+        CommandStream(robot, StreamNames("/a b"), quick, python=ros.python)
+
+
+def test_one_commands_an_arm(ros, known, sink):
+    robot = Robot.load("two_ur10")
+    one = CommandStream(robot, StreamNames(), python=ros.python)
+    with one, pytest.raises(SendError, match="other nodes command"):
+        CommandStream(robot, StreamNames(), StreamSettings(connect=2.0), python=ros.python)
