@@ -8,6 +8,7 @@ is the scene itself, so that the folder can be verified and played without other
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -118,7 +119,7 @@ def write_joints(
         "robot_file": source_of(robot, motion.scene, source),
         "version": __version__,
         "present": None if present is None else dict(zip(robot.joint_names, present.tolist(), strict=True)),
-        **{name: finite(value) for name, value in report.asdict().items()},
+        **{name: finite(value) for name, value in report.asdict().items() if _is_told(name, value)},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
         "without_gripper": list(report.without_gripper),
@@ -127,6 +128,11 @@ def write_joints(
         "motion_sha256": checksum(motion_arrays(motion)),
     }
     return JOINTS.write(folder, summary, joint_arrays(joints))
+
+
+def _is_told(name: str, value: float) -> bool:
+    """Return whether a summary has a measure: that of deviations only where some are stated."""
+    return name != "load_uncertainty" or not math.isnan(value)
 
 
 def joint_arrays(joints: JointMotion) -> Arrays:

@@ -61,10 +61,12 @@ class JointReport:
     clearance_scene : certified lower bound of the distance between links and obstacles [m]
     clearance_load : likewise between links and the payload
     clearance_self : likewise between links
-    hand_uncertainty : largest error of an end effector due to the tolerance of the bases' places [m]; the clearances
-        are reduced by the effect of that tolerance
+    hand_uncertainty : largest error of an end effector due to the tolerances of the bases' places and of the joints
+        [m]; the clearances and `joint_margin_min` are reduced by the effect of these tolerances
+    load_uncertainty : largest displacement of a point of the payload due to them [m]; only where the deviations of
+        joints are stated. The payload keeps the scene's clearance nevertheless
     load_mass : mass with which torques were computed [kg]
-    uncertainty : tolerance that was assumed of the bases' places
+    uncertainty : tolerances that were assumed of the bases' places and of the joints
     without_gripper : names of the arms whose description has no gripper, so that none was verified
     where : by measure, the name of the joint, end effector or pair that has it, and the time [s]
 
@@ -86,6 +88,7 @@ class JointReport:
     clearance_load: float = math.nan
     clearance_self: float = math.nan
     hand_uncertainty: float = math.nan
+    load_uncertainty: float = math.nan
     load_mass: float = math.nan
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     without_gripper: tuple[str, ...] = ()
@@ -212,7 +215,9 @@ def verify_joints(
     carried, curve = Carried(motion.motion), joints.curve
     errors = cache(lambda: holding_errors(robot, arms, carried, curve))
     course = cache(
-        lambda: CarryCourse(bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR), carried, curve)
+        lambda: CarryCourse(
+            bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR, curve=curve), carried, curve
+        )
     )
     findings = list[own.JointFinding]()
     for check in (
@@ -221,7 +226,7 @@ def verify_joints(
         lambda: own.payload(scene, arms),
         lambda: own.torques(robot, curve, arms, carried_masses(scene)),
         lambda: own.hands(errors(), motion),
-        lambda: own.calibration(bases, arms, errors(), motion),
+        lambda: own.displacements(bases, arms, errors(), motion, curve),
         lambda: own.clearances(course().bodies, carried, curve, slack),
     ):
         findings.append(check())
