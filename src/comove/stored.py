@@ -63,6 +63,7 @@ _JOINTS: tuple[_Described, ...] = (
     ("links from obstacles", "clearance_scene", "{:.4g} mm at least", 1e3),
     ("links from the load", "clearance_load", "{:.4g} mm at least", 1e3),
     ("links from each other", "clearance_self", "{:.4g} mm at least", 1e3),
+    ("links where joints deviate", "clearance_deviating", "{:.4g} mm from anything at least", 1e3),
     ("load where joints deviate", "load_uncertainty", "off its place by {:.3g} mm at most", 1e3),
 )
 _ROBOT_RUN: tuple[_Described, ...] = (

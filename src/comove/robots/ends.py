@@ -22,7 +22,6 @@ from comove.model.scene import Scene
 from comove.processes import n_processors
 from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import JointMotion
 from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import (
@@ -340,12 +339,10 @@ class EndJoints:
         robot, nodes, q, first = self.robot, self.scene.nodes_at(end), self.robot.home, ""
         bases, time = Bases(robot, robot.description.uncertainty), self.scene.time_at(end)
         carried = _straight(self.scene)
-        hands, bodies, room = nodes[None, : len(self.holders)], None, None
+        bodies = bodies_of(bases, self.holders, carried, nodes[None, : len(self.holders)], 0.0)
+        room: Room | None = None
         for joints in product(*branches):
             q[self.columns] = np.concatenate(joints)
-            if bodies is None or bases.deviations is not None:  # deviations count from these joints
-                still = JointMotion(np.array([0.0, 1.0]), robot.joint_names, np.stack([q, q])).curve
-                bodies, room = bodies_of(bases, self.holders, carried, hands, 0.0, curve=still), None
             if are_clear(bodies, q, nodes, time):
                 return ""
             room = room or Room(bodies.placed_at(nodes, time), robot.arms, np.zeros(len(bodies.kind)))

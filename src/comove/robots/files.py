@@ -131,8 +131,8 @@ def write_joints(
 
 
 def _is_told(name: str, value: float) -> bool:
-    """Return whether a summary has a measure: that of deviations only where some are stated."""
-    return name != "load_uncertainty" or not math.isnan(value)
+    """Return whether a summary has a measure: those of deviations only where some are stated."""
+    return name not in ("clearance_deviating", "load_uncertainty") or not math.isnan(value)
 
 
 def joint_arrays(joints: JointMotion) -> Arrays:

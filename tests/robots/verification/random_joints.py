@@ -101,7 +101,7 @@ def near_contact(rng, name, strays=0.0):
     """
     machine, kind = robot(name), int(rng.choice([SCENE, SCENE, LOAD, SELF]))
     size, wanted = float(rng.choice([0.05, 0.2, 0.6, 1.5])), ROBOT_CLEARANCE + offset_of(rng)
-    wanted += strays * rng.uniform(*LEVERS) if strays else 0.0
+    wanted += strays * rng.uniform(*LEVERS) - ROBOT_CLEARANCE if strays else 0.0
     away = rng.uniform(-1.0, 1.0, (N_KNOTS, len(machine.home)))
 
     def joints(share):
@@ -197,6 +197,7 @@ def judged(name, draw, deviations=None):
         uncertainty = Uncertainty(joints=dict(zip(draw.robot.joint_names, deviations.tolist(), strict=True)))
     bases, hands = Bases(draw.robot, uncertainty), carried.hands(carried.time).positions
     bodies = bodies_of(bases, arms, carried, hands, 1e-5, held=False, curve=curve)
+    bodies = bodies if deviations is None else bodies.deviating
     clearance, required = certify(bodies, carried, curve, 0.0)[draw.kind], bodies.required[draw.kind]
     met, time = least(name, draw)
     if deviations is not None:

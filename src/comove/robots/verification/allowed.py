@@ -1,8 +1,8 @@
 """The largest deviation of all joints for which a motion would still be verified.
 
 All that deviations take is proportional to them (`comove.robots.verification.deviations`): of a pair, e times the sum
-l of its lever arms. Where the certificate finds it d apart, and d less e l below the required clearance c, at most
-(d - c) / l is allowed. So e is lowered from one violation to the next (Dinkelbach, 1967) until there is none.
+l of its lever arms. Where the certificate finds it d apart and d - e l < 0, at most d / l is allowed. So e is lowered
+from one violation to the next (Dinkelbach, 1967) until there is none.
 """
 
 from __future__ import annotations
@@ -46,24 +46,18 @@ def allowed_deviation(robot: Robot, motion: VerifiedMotion, joints: JointMotion)
         for uncertainty in (stated.model_copy(update={"joints": None}), Uncertainty(joints=1.0))
     )
     near = inf if report.support_distance_min is None else report.support_distance_min + 2 * TOLERANCE
-    spare = min(report.clearance_min - scene.clearance, near) - by_bases
+    spare = min(report.clearance_min, near) - by_bases
     most = min(least_margin(curve, robot.lower, robot.upper).value, spare / by_joints)
     bases = Bases(robot, stated.model_copy(update={"joints": 1.0}))
     bodies = bodies_of(bases, arms, carried, hands, HAND_ERROR, curve=curve)
     while most > LEAST:
         e = SHARE * most
-        tried = replace(bodies, taken=bodies.taken + (e - 1.0) * bodies.strayed)
-        kinds = list(zip(certify(tried, carried, curve, slack=1.0), bodies.required.tolist(), strict=True))
-        if all(found.lower >= required for found, required in kinds):
+        tried = replace(bodies, strayed=e * bodies.strayed).deviating
+        found = certify(tried, carried, curve, slack=1.0)
+        if all(one.lower >= 0.0 for one in found):
             return _rounded_down(e)
-        violated = [
-            (bodies.strayed[one.pair], one.upper - required)
-            for one, required in kinds
-            if one.upper < required
-        ]
-        most = min(
-            (e + less / levers if levers > 0.0 else 0.0 for levers, less in violated), default=LESS * most
-        )
+        met = [(bodies.strayed[one.pair], one.upper) for one in found if one.upper < 0.0]
+        most = min((e + less / levers if levers > 0.0 else 0.0 for levers, less in met), default=LESS * most)
     return 0.0
 
 

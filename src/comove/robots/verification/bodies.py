@@ -12,8 +12,8 @@ kind     pairs                                                            keep
 The scene's clearance is `limits.clearance`, 5 mm unless given; the payload keeps it from obstacles as well. Links
 that no joint moves may touch obstacles at rest, as a base does that stands on a table: no motion changes it. Where
 the places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between
-bodies on different bases, are reduced by their effect; where joints may deviate from their commands, all distances
-that these change (`comove.robots.verification.deviations`).
+bodies on different bases, are reduced by their effect. Where joints may deviate from their commands, the pairs keep
+these clearances as commanded, and touch nowhere within the deviations (`comove.robots.verification.deviations`).
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class Bodies:
     kind : array, shape (n_pairs,), SCENE, LOAD or SELF
     required : array, shape (3,), required clearance of each kind [m]
     taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
-    strayed : array, shape (n_pairs,), share of it by which joints that deviate may lessen the distance [m]
+    strayed : array, shape (n_pairs,), by which joints that deviate may lessen the distance besides [m]
     reach : array, shape (n_pairs, n_joints + 1 + n_moving), largest change of a distance per motion of each joint, of
         the payload, and of each moving obstacle [m/rad, m/m]
     exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
@@ -186,6 +186,11 @@ class Bodies:
     def joint_reach(self) -> Array:
         """Return the columns of `reach` that belong to joints; array, shape (n_pairs, n_joints)."""
         return self.reach[:, : self.robot.model.nv]
+
+    @property
+    def deviating(self) -> Bodies:
+        """Return the bodies while joints deviate: pairs are nearer by `strayed`, and may not touch."""
+        return replace(self, taken=self.taken + self.strayed, required=np.zeros(3))
 
     def some(self, which: NDArray[np.bool_]) -> Bodies:
         """Return the bodies with some of their pairs; array, shape (n_pairs,).
@@ -327,7 +332,6 @@ def bodies_of(
         strayed = _strayed(robot, known, e, curve)
         off, turn = shifts_of_hands(robot, holders, e, curve)
         strayed[known.kind == LOAD] += payload_shift(carried, off.max(initial=0.0), turn.max(initial=0.0))
-        taken += strayed
     keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
     return Bodies(
         robot=robot,

@@ -74,8 +74,7 @@ def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | Non
     carried, bases = Carried.straight(scene), Bases(robot, robot.description.uncertainty)
     ends = np.array([0.0, scene.duration])
     home = JointMotion(ends, robot.joint_names, np.stack([robot.home] * 2))
-    hands = scene.nodes_at("start")[None, : len(arms)]
-    bodies = bodies_of(bases, arms, carried, hands, 0.0, curve=home.curve)
+    bodies = bodies_of(bases, arms, carried, scene.nodes_at("start")[None, : len(arms)], 0.0)
     columns = np.concatenate([arm.columns for arm in arms])
     moved = moved_by(robot)[bodies.joint[bodies.ends]][..., columns].any(axis=(1, 2))
     bodies = bodies.some((bodies.kind == SCENE) & ~moved & bodies.reach[:, robot.model.nv :].any(axis=1))
@@ -289,17 +288,13 @@ class Displacement(NamedTuple):
 def displacements(
     bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion, curve: JointCurve
 ) -> JointFinding:
-    """Check that the payload keeps clear for all admissible places of the bases and deviations of the joints.
-
-    Where deviations are stated it keeps the scene's clearance, else it touches nothing.
-    """
+    """Check that the payload keeps clear for all admissible places of the bases and deviations of the joints."""
     off, load = Displacement.of(bases, arms, errors.hands, Carried(motion.motion), curve)
     clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
-    keep, why, way_out = 0.0, [], []
+    why, way_out = list[str](), list[str]()
     if bases.turn > 0.0 or bases.uncertainty.position > 0.0:
         why, way_out = ["where the bases stand"], ["measure the bases more exactly"]
     if bases.deviations is not None:
-        keep = motion.motion.scene.clearance
         why.append("how far joints may deviate")
         way_out.append("state smaller deviations (uncertainty: joints)")
     told = f"the payload may be off by {load:.3g} m because of {' and '.join(why)}"
@@ -308,10 +303,9 @@ def displacements(
             f"the payload comes within {max(near, 0.0):.3g} m of its support, and {told}; raise start and goal by "
             f"that, or {', or '.join(way_out)}"
         )
-    if load > 0 and not clearance - load >= keep:
-        kept = f" ({keep:g} m is to be kept)" if keep > 0 else ""
+    if load > 0 and not clearance - load >= 0:
         reasons.append(
-            f"the load comes within {clearance:.3g} m of something, and {told}{kept}; ask for more clearance, or "
+            f"the load comes within {clearance:.3g} m of something, and {told}; ask for more clearance, or "
             f"{', or '.join(way_out)}"
         )
     measures = {"hand_uncertainty": off}
@@ -336,10 +330,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: fl
         required = float(bodies.required[kind])
         if not found.upper >= required:
             how = _how_near(bodies, carried, curve, found)
-            reason = _contact(bodies.name(found.pair), how, required, found.time, kind)
-            if bodies.strayed[found.pair] > 0.0:
-                reason += ", or state smaller deviations (uncertainty: joints)"
-            finding.reasons.append(reason)
+            finding.reasons.append(_contact(bodies.name(found.pair), how, required, found.time, kind))
         elif not found.lower >= required and not unsought:
             of = {SCENE: "links and obstacles", LOAD: "the load and all else", SELF: "links"}[kind]
             finding.reasons.append(
@@ -350,12 +341,34 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: fl
     return finding
 
 
+def deviating(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: float = 0.0) -> JointFinding:
+    """Check that links, payload and obstacles touch nowhere while joints deviate; `slack` as in `certify`."""
+    finding = JointFinding({}, {}, [])
+    if not bodies.strayed.any():
+        return finding
+    strayed = bodies.deviating
+    bounds = certify(strayed, carried, curve, slack)
+    worst = min(bounds, key=lambda found: found.lower)
+    finding.measures["clearance_deviating"] = worst.lower
+    if worst.pair >= 0:
+        finding.where["clearance_deviating"] = strayed.name(worst.pair), worst.time
+    for found in bounds:
+        if found.lower >= 0.0:
+            continue
+        met = found.upper < 0.0
+        pair, time = (found.pair, found.time) if met else (found.weakest, found.around)
+        if pair >= 0:
+            finding.reasons.append(
+                f"{strayed.name(pair)} may meet at {time:.2f} s: joints that deviate may bring them "
+                f"{strayed.strayed[pair]:.3g} m nearer than they are commanded; ask for more clearance "
+                "(limits: {clearance: ..}), or state smaller deviations (uncertainty: joints)"
+            )
+    return finding
+
+
 def _how_near(bodies: Bodies, carried: LoadMotion, curve: JointCurve, found: LinkClearance) -> str:
     """Return the distance or contact of two bodies, in words. For meshes, coal computes no depth."""
-    distance, strayed = found.upper + float(bodies.taken[found.pair]), float(bodies.strayed[found.pair])
-    if strayed > 0.0 and distance > 0.0:
-        near = f"come within {found.upper:.3g} m of each other" if found.upper > 0.0 else "meet"
-        return f"may {near}, as joints that deviate may bring them {strayed:.3g} m nearer,"
+    distance = found.upper + float(bodies.taken[found.pair])
     if found.upper > 0.0:
         return f"come within {found.upper:.3g} m of each other"
     if distance > 0.0:

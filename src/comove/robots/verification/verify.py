@@ -61,10 +61,11 @@ class JointReport:
     clearance_scene : certified lower bound of the distance between links and obstacles [m]
     clearance_load : likewise between links and the payload
     clearance_self : likewise between links
-    hand_uncertainty : largest error of an end effector due to the tolerances of the bases' places and of the joints
-        [m]; the clearances and `joint_margin_min` are reduced by the effect of these tolerances
-    load_uncertainty : largest displacement of a point of the payload due to them [m]; only where the deviations of
-        joints are stated. The payload keeps the scene's clearance nevertheless
+    clearance_deviating : certified lower bound of all these distances while joints deviate [m]; only where their
+        deviations are stated, as the next one
+    load_uncertainty : largest displacement of a point of the payload due to the tolerances of bases and joints [m]
+    hand_uncertainty : likewise of an end effector. The clearances are reduced by the effect of the bases' tolerance,
+        `joint_margin_min` by the joints' deviations
     load_mass : mass with which torques were computed [kg]
     uncertainty : tolerances that were assumed of the bases' places and of the joints
     without_gripper : names of the arms whose description has no gripper, so that none was verified
@@ -87,8 +88,9 @@ class JointReport:
     clearance_scene: float = math.nan
     clearance_load: float = math.nan
     clearance_self: float = math.nan
-    hand_uncertainty: float = math.nan
+    clearance_deviating: float = math.nan
     load_uncertainty: float = math.nan
+    hand_uncertainty: float = math.nan
     load_mass: float = math.nan
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     without_gripper: tuple[str, ...] = ()
@@ -228,6 +230,7 @@ def verify_joints(
         lambda: own.hands(errors(), motion),
         lambda: own.displacements(bases, arms, errors(), motion, curve),
         lambda: own.clearances(course().bodies, carried, curve, slack),
+        lambda: own.deviating(course().bodies, carried, curve, slack),
     ):
         findings.append(check())
         if slack > 0.0 and findings[-1].reasons:  # the next ones take longer, and one reason suffices
@@ -245,8 +248,9 @@ def tightened(known: VerifiedJointMotion) -> JointVerdict:
     The result is that of `verify_joints` without slack: nothing else depends on it.
     """
     course = known.course
-    finding = own.clearances(course.bodies, course.load, course.curve)
-    report, reasons = _with_findings(known.report, [finding]), tuple(finding.reasons)
+    findings = [check(course.bodies, course.load, course.curve) for check in (own.clearances, own.deviating)]
+    report = _with_findings(known.report, findings)
+    reasons = tuple(reason for finding in findings for reason in finding.reasons)
     made = known.robot, known.motion, known.joints, report, course
     return JointVerdict(None if reasons else VerifiedJointMotion(*made, seal=_SEAL), report, reasons)
 
