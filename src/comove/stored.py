@@ -147,7 +147,7 @@ def joint_rows(report: Mapping[str, Any]) -> list[Row]:
 
 
 def deviation_rows(uncertainty: Any) -> list[Row]:
-    """Return the certified deviations of joints in words, none where none are stated.
+    """Return the certified deviations of joints in words, if any.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ class Verification:
 
     @property
     def allowance(self) -> str:
-        """Return what deviation of its joints a motion allows, in words; empty if there is nothing to say."""
+        """Return the deviation that a motion allows, in words, if known."""
         if (
             self.part is not ResultPart.JOINTS
             or self.robot is None

@@ -111,7 +111,7 @@ def send(
 
 
 def unproven(most: float) -> str:
-    """Return what is not proved of arms that deviate from a motion, and what to write for that.
+    """Return a warning that deviations of joints are not certified.
 
     Parameters
     ----------

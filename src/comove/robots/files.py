@@ -8,7 +8,6 @@ is the scene itself, so that the folder can be verified and played without other
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,14 +45,20 @@ from comove.robots.description import bundled_robots, find_description, is_file
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints, without_gripper
-from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
+from comove.robots.verification.verify import (
+    DEVIATING,
+    JointReport,
+    JointVerdict,
+    VerifiedJointMotion,
+    verify_joints,
+)
 
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
 FITS = 1e-10  # rad and rad/s, to which samples agree with each other
 SAME_CLEARANCE = 2e-3  # m, of bounds that are only so tight
 _TYPES = {
     **{"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT},
-    **dict.fromkeys(JointReport().asdict(), NUMBER.or_nothing),
+    **dict.fromkeys((*JointReport().asdict(), *DEVIATING), NUMBER.or_nothing),
     "without_gripper": TEXTS.or_nothing,
 }
 
@@ -119,7 +124,7 @@ def write_joints(
         "robot_file": source_of(robot, motion.scene, source),
         "version": __version__,
         "present": None if present is None else dict(zip(robot.joint_names, present.tolist(), strict=True)),
-        **{name: finite(value) for name, value in report.asdict().items() if _is_told(name, value)},
+        **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
         "without_gripper": list(report.without_gripper),
@@ -128,11 +133,6 @@ def write_joints(
         "motion_sha256": checksum(motion_arrays(motion)),
     }
     return JOINTS.write(folder, summary, joint_arrays(joints))
-
-
-def _is_told(name: str, value: float) -> bool:
-    """Return whether a summary has a measure: those of deviations only where some are stated."""
-    return name not in ("clearance_deviating", "load_uncertainty") or not math.isnan(value)
 
 
 def joint_arrays(joints: JointMotion) -> Arrays:
@@ -334,7 +334,8 @@ def verify_stored(
     if stored.summary.get("verified") is not True:
         edits.append(f"{JOINTS.summary} does not claim a verified motion")
     elif verdict.verified is not None:
-        edited = JOINTS.differences(stored.summary, verdict.report.asdict(), _near)
+        measures = dict.fromkeys(DEVIATING) | verdict.report.asdict()
+        edited = JOINTS.differences(stored.summary, measures, _near)
         edits += edited or JOINTS.mistyped(stored.summary)
         if stored.summary.get("robot") != robot.name:
             told = shortened(repr(stored.summary.get("robot")))

@@ -177,7 +177,7 @@ class Tolerances:
                     )
 
     def of(self, name: str, joints: Sequence[str]) -> list[float]:
-        """Return the tolerances of joints, by `name`: start, path or end [rad, m for prismatic joints]."""
+        """Return the tolerances of joints: start, path or end [rad, m]."""
         given = getattr(self, name)
         if isinstance(given, Mapping):
             if missing := [joint for joint in joints if joint not in given]:
@@ -190,7 +190,7 @@ class Tolerances:
         return [UNCERTIFIED[name] if given is None else float(given)] * len(joints)
 
     def certified(self, motion: VerifiedJointMotion) -> Tolerances:
-        """Return the tolerances for a motion, none wider than the deviations for which it is certified.
+        """Return tolerances no wider than the certified deviations of a motion.
 
         Where none are certified, as they are stated in no description, these tolerances are returned.
 
@@ -465,7 +465,7 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
 
 
 def _deviations(state: RobotState, part: MotionPart) -> Array:
-    """Return how far joints are from the motion; array, shape (n_joints,) [rad, m for prismatic joints]."""
+    """Return the joints' distances from the motion; array, shape (n_joints,)."""
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:
         return np.zeros(len(names))

@@ -1,4 +1,4 @@
-"""The largest deviation of all joints for which a motion would still be verified.
+"""The largest deviation of all joints that a motion allows.
 
 All that deviations take is proportional to them (`comove.robots.verification.deviations`): of a pair, e times the sum
 l of its lever arms. Where the certificate finds it d apart and d - e l < 0, at most d / l is allowed. So e is lowered
@@ -28,10 +28,10 @@ DIGITS = 2  # of the result, which is rounded down
 
 
 def allowed_deviation(robot: Robot, motion: VerifiedMotion, joints: JointMotion) -> float:
-    """Return the largest deviation of all joints with which a motion is verified [rad, m for prismatic joints].
+    """Return the largest deviation of all joints that a motion allows.
 
-    It is the largest but for a few per cent, and 0 where the motion leaves none. Tolerances of the bases count as the
-    robot's description states them.
+    With it [rad, m for prismatic joints] the motion is verified, and hardly with any larger one; 0 where the motion
+    leaves none. Tolerances of the bases count as the robot's description states them.
 
     Parameters
     ----------

@@ -189,7 +189,7 @@ class Bodies:
 
     @property
     def deviating(self) -> Bodies:
-        """Return the bodies while joints deviate: pairs are nearer by `strayed`, and may not touch."""
+        """Return the bodies while joints deviate. Pairs are nearer, and may not touch."""
         return replace(self, taken=self.taken + self.strayed, required=np.zeros(3))
 
     def some(self, which: NDArray[np.bool_]) -> Bodies:
@@ -426,7 +426,7 @@ def _taken(ends: Integers, pull: Array, base: Integers) -> Array:
 
 
 def _strayed(robot: Robot, known: KnownBodies, deviations: Array, curve: JointCurve | None) -> Array:
-    """Bound by how much links that deviate are nearer to obstacles, each other and a payload; (n_pairs,) [m]."""
+    """Bound how much nearer links that deviate are to others; (n_pairs,) [m]."""
     links, moved, (first, second) = links_of(robot), moved_by(robot)[known.joint], known.ends.T
     balls = Balls(links.joint, links.solids.center, links.solids.radius, links.reach)
     levers = np.zeros((len(known.joint), robot.model.nv))

@@ -307,7 +307,7 @@ def leverage(carried: Carried) -> float:
 
 
 def payload_shift(carried: Carried, off: float, turn: float) -> float:
-    """Bound how far a payload's points are displaced by its end effectors [m].
+    """Bound the displacement of a payload's points by its end effectors [m].
 
     Each of its grasps is displaced by at most `off`, whether end effectors that disagree slip or give way. Of two
     grasps, a apart, the line between them turns by a chord of at most 2 off / a, and the payload about it by at most

@@ -260,7 +260,7 @@ def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
 
 
 class Displacement(NamedTuple):
-    """Largest displacements of any end effector, and of a point of the payload or an end effector [m]."""
+    """Largest displacement of end effectors, and of payload and end effectors [m]."""
 
     hand: float
     load: float
@@ -269,7 +269,7 @@ class Displacement(NamedTuple):
     def of(
         cls, bases: Bases, arms: tuple[Arm, ...], hands: Array, carried: Carried, curve: JointCurve
     ) -> Displacement:
-        """Bound what bases and joints that are not where they should be displace.
+        """Bound the displacements by bases and joints.
 
         Parameters
         ----------
@@ -288,7 +288,7 @@ class Displacement(NamedTuple):
 def displacements(
     bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion, curve: JointCurve
 ) -> JointFinding:
-    """Check that the payload keeps clear for all admissible places of the bases and deviations of the joints."""
+    """Check that the payload keeps clear wherever bases and joints may be."""
     off, load = Displacement.of(bases, arms, errors.hands, Carried(motion.motion), curve)
     clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
     why, way_out = list[str](), list[str]()
@@ -342,7 +342,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: fl
 
 
 def deviating(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: float = 0.0) -> JointFinding:
-    """Check that links, payload and obstacles touch nowhere while joints deviate; `slack` as in `certify`."""
+    """Check that nothing touches while joints deviate; `slack` as in `certify`."""
     finding = JointFinding({}, {}, [])
     if not bodies.strayed.any():
         return finding

@@ -78,7 +78,7 @@ def lever_arms(robot: Robot, balls: Balls, curve: JointCurve | None) -> Array:
 
 @lru_cache(maxsize=8)
 def _beyond(robot: Robot) -> NDArray[np.bool_]:
-    """Return whether joint k is beyond joint j; array, shape (n_joints, n_joints), by k and j."""
+    """Return whether joint k is beyond joint j; array, by k and j."""
     return moved_by(robot)[_joints(robot)] & ~np.eye(robot.model.nv, dtype=bool)
 
 
@@ -89,7 +89,7 @@ def _joints(robot: Robot) -> Integers:
 
 
 def _largest(robot: Robot, balls: Balls, q: Array) -> Array:
-    """Compute the largest distances of balls' points from joint axes, array of shape (n, n_joints).
+    """Compute balls' largest distances from joint axes; array, shape (n, n_joints).
 
     Parameters
     ----------

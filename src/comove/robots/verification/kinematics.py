@@ -132,7 +132,7 @@ class Bases:
 
     @property
     def deviations(self) -> Array | None:
-        """Return the joints' largest deviations, None where none are stated; array, shape (n_joints,) [rad, m]."""
+        """Return the joints' largest deviations [rad, m], None where none are stated."""
         if self.uncertainty.joints is None:
             return None
         return self.uncertainty.deviations(self.robot.joint_names)

@@ -41,6 +41,8 @@ from comove.robots.verification.kinematics import Bases
 from comove.verification.verify import Check, Sealed, VerifiedMotion, verify
 
 _SEAL = object()
+DEVIATING = ("clearance_deviating", "load_uncertainty")
+"""Measures of joints that deviate, where a description states deviations."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,9 @@ class JointReport:
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
-        """Return the measures by name."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
+        """Return the measures by name. Those of deviations need stated ones."""
+        measures = {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
+        return {name: x for name, x in measures.items() if name not in DEVIATING or not math.isnan(x)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
