@@ -235,7 +235,7 @@ class Servo(Part):
 
 
 class Uncertainty(Sparse):
-    """Tolerances of the bases' places, `position` [m] and `rotation_deg` [deg], and of joints."""
+    """Tolerances of bases, `position` [m] and `rotation_deg` [deg], and of joints."""
 
     LATER = ("joints",)
 
@@ -251,7 +251,7 @@ class Uncertainty(Sparse):
     """Largest deviation of every joint that moves from its command, or by joint [rad, m for prismatic joints]."""
 
     def deviations(self, names: Sequence[str]) -> Array:
-        """Return the largest deviations of joints [rad, m], 0 where none are stated."""
+        """Return joints' largest deviations [rad, m], 0 where none are stated."""
         if isinstance(self.joints, dict):
             return np.array([self.joints.get(name, 0.0) for name in names])
         return np.full(len(names), self.joints or 0.0)

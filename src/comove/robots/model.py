@@ -637,7 +637,7 @@ def _limits(
 
 
 def _require_deviations(description: RobotFile, names: list[str]) -> None:
-    """Reject deviations that leave out a joint, of which nothing could be certified."""
+    """Reject deviations that leave out a joint. Nothing could be certified."""
     joints, key = description.uncertainty.joints, "uncertainty.joints"
     if not isinstance(joints, dict):
         return

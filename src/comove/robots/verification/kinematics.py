@@ -115,7 +115,7 @@ def _bases_by_name(robot: Robot) -> dict[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class Bases:
-    """The bases of a robot, with the tolerances of their places and of the joints."""
+    """The bases of a robot, with their tolerances and the joints'."""
 
     robot: Robot
     uncertainty: Uncertainty
