@@ -1,7 +1,7 @@
 """False certificates: random motions near contact against brute force.
 
     python benchmarks/soundness.py [--shapes 100000] [--turning 10000] [--boxes 300] [--meshes 10000] [--joints 10000]
-        [--first 0] [--workers 2] [--files FOLDER]
+        [--deviating 1000] [--first 0] [--workers 2] [--files FOLDER]
 
 Motions come first; obstacles are then pushed to within fractions of a millimetre of what they sweep, or into it.
 Brute force (`tests/brute_force.py`) reads the scene's file, takes from a motion only its configurations, and shares
@@ -9,7 +9,8 @@ no geometry with comove: it finds only contacts of the motion. A certificate is 
 force meets. In `turning`, obstacles turn and move, slowly or up to three times a second. Boxes are payloads, checked
 by points of the box (`tests/verification/random_boxes.py`). Meshes have the faults of exports: triangles flipped,
 duplicate, missing, flat, loose, crossing others. Joints are those of ten robots beside obstacles that move and turn,
-a payload, or themselves, checked by their raw URDFs (`tests/robots/verification/random_joints.py`).
+a payload, or themselves, checked by their raw URDFs (`tests/robots/verification/random_joints.py`). In `deviating`
+joints may be off their commands, and are moved to the corner of that box which brings bodies nearest.
 With `--files`, every mesh of up to 2000 triangles in a folder, made 0.2 m large, is an obstacle once.
 """
 
@@ -30,7 +31,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 CHUNK = 50
 # Streams of random numbers; the tests draw from others.
-STREAMS = {"shapes": 101, "turning": 113, "boxes": 109, "meshes": 103, "joints": 127, "files": 107}
+STREAMS = {
+    **{"shapes": 101, "turning": 113, "boxes": 109, "meshes": 103, "joints": 127},
+    **{"deviating": 131, "files": 107},
+}
 MOST, SIZE = 2000, 0.2  # triangles of a file, and what its mesh is made large [m]
 FORMATS = (".stl", ".obj", ".off", ".ply", ".dae")
 WORDS = ("certified", "contact", "undecided", "false certificate")
@@ -44,6 +48,7 @@ def main() -> None:
     parser.add_argument("--boxes", type=int, default=300)
     parser.add_argument("--meshes", type=int, default=10_000)
     parser.add_argument("--joints", type=int, default=10_000)
+    parser.add_argument("--deviating", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0, help="number of the first draw of each kind")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--files", type=Path)
@@ -111,9 +116,12 @@ def judged(
                 word = "contact" if word == "undecided" and truth < required else word
                 if clearance.lower > max(truth, 0.0) + test_certificate.ROUNDING:
                     word = "false certificate"
-            elif kind == "joints":
+            elif kind in ("joints", "deviating"):
                 name = random_joints.robot_of(seed)
-                clearance, truth, word = random_joints.judged(name, random_joints.near_contact(rng, name))
+                draw = (random_joints.near_contact(rng, name),)
+                if kind == "deviating":
+                    draw = random_joints.deviating(rng, name)
+                clearance, truth, word = random_joints.judged(name, *draw)
             else:
                 clearance, truth, word = test_surfaces.outcome(*near_mesh(rng, Path(folder)))
             found[word] += 1

@@ -63,6 +63,8 @@ _JOINTS: tuple[_Described, ...] = (
     ("links from obstacles", "clearance_scene", "{:.4g} mm at least", 1e3),
     ("links from the load", "clearance_load", "{:.4g} mm at least", 1e3),
     ("links from each other", "clearance_self", "{:.4g} mm at least", 1e3),
+    ("links where joints deviate", "clearance_deviating", "{:.4g} mm from anything at least", 1e3),
+    ("load where joints deviate", "load_uncertainty", "off its place by {:.3g} mm at most", 1e3),
 )
 _ROBOT_RUN: tuple[_Described, ...] = (
     ("links from obstacles", "clearance_scene", "{:.1f} mm at samples", 1e3),
@@ -137,7 +139,29 @@ def joint_rows(report: Mapping[str, Any]) -> list[Row]:
     ----------
     report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
     """
-    return [*_rows(_JOINTS, report), *gripper_rows(report.get(NO_GRIPPER))]
+    return [
+        *_rows(_JOINTS, report),
+        *deviation_rows(report.get("uncertainty") or {}),
+        *gripper_rows(report.get(NO_GRIPPER)),
+    ]
+
+
+def deviation_rows(uncertainty: Any) -> list[Row]:
+    """Return the certified deviations of joints in words, if any.
+
+    Parameters
+    ----------
+    uncertainty : `comove.robots.description.Uncertainty`, or its plain data
+    """
+    plain = uncertainty if isinstance(uncertainty, Mapping) else vars(uncertainty)
+    stated = plain.get("joints")
+    each = stated.values() if isinstance(stated, Mapping) else [stated]
+    values = [value for value in each if isinstance(value, (int, float))]
+    if not values:
+        return []
+    least, most = (f"{value:g}" for value in (min(values), max(values)))
+    by = most if least == most else f"{least} to {most}, by joint,"
+    return [("deviations of joints", f"certified up to {by} rad (m where they slide)", "")]
 
 
 def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
@@ -290,6 +314,29 @@ class Verification:
     def verified(self) -> bool:
         """Return whether there are no reasons against it."""
         return not self.reasons
+
+    @property
+    def allowance(self) -> str:
+        """Return the deviation that a motion allows, in words, if known."""
+        if (
+            self.part is not ResultPart.JOINTS
+            or self.robot is None
+            or self.joints is None
+            or self.motion is None
+        ):
+            return ""
+        from comove.robots.verification.allowed import allowed_deviation
+
+        found, stated = self.verified_joints, self.robot.description.uncertainty.joints
+        hands = found.motion if found is not None else verify_motion(self.motion).verified
+        if hands is None or (found is None and stated is None):
+            return ""
+        most = allowed_deviation(self.robot, hands, self.joints)
+        if most == 0.0:
+            return "the motion allows none"
+        if found is not None and stated is not None:
+            return f"the motion allows up to {most:g} rad for all joints alike"
+        return f"the motion allows up to {most:g} rad: write uncertainty: {{joints: {most:g}}}"
 
 
 def verify(

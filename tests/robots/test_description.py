@@ -128,6 +128,13 @@ def test_the_page_for_users_shows_a_description_and_every_key():
         (GOOD + "posture: {j: true}\n", ["posture.j", "true is not a number"]),
         (GOOD + "servo: {stiffness: [100, 0]}\n", ["servo.stiffness[1]", "greater than 0"]),
         (GOOD + "uncertainty: {position: -1}\n", ["uncertainty.position", "not less than 0"]),
+        (GOOD + "uncertainty: {joints: -0.1}\n", ["uncertainty.joints (line 4)", "-0.1 is out of", "greater than 0"]),
+        (GOOD + "uncertainty: {joints: 0}\n", ["uncertainty.joints (line 4)", "0 is out of", "greater than 0"]),
+        (GOOD + "uncertainty: {joints: .nan}\n", ["uncertainty.joints (line 4)", "nan is not a finite number"]),
+        (GOOD + "uncertainty: {joints: wide}\n", ["uncertainty.joints (line 4)", "'wide' is not a number"]),
+        (GOOD + "uncertainty: {joints: [0.1]}\n", ["uncertainty.joints (line 4)", "[0.1] is not a number"]),
+        (GOOD + "uncertainty: {joints: {j: -1}}\n", ["uncertainty.joints.j", "-1 is out of", "greater than 0"]),
+        (GOOD + "uncertainty: {joints: {j: .inf}}\n", ["uncertainty.joints.j", "inf is not a finite number"]),
     ],
 )  # fmt: skip
 def test_a_mistake_is_told_with_file_key_line_value_and_way_out(text, parts, tmp_path):
@@ -143,3 +150,13 @@ def test_several_mistakes_are_told_together(tmp_path):
         loaded(tmp_path, GOOD + "acceleration: x\nspringz: {}\nservo: 3\n")
     lines = str(caught.value).split("\n")
     assert [line.strip().split(" ")[0] for line in lines[1:]] == ["acceleration", "springz", "servo"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "deviations"),
+    [("", [0.0, 0.0]), ("joints: 0.01", [0.01, 0.01]), ("joints: {b: 0.02, a: 0.01}", [0.01, 0.02])],
+)
+def test_deviations_of_joints_are_those_of_all_or_of_each(stated, deviations, tmp_path):
+    uncertainty = loaded(tmp_path, GOOD + f"uncertainty: {{{stated}}}\n").uncertainty
+    assert uncertainty.deviations(["a", "b"]).tolist() == deviations
+    assert ("joints" in uncertainty.model_dump()) == bool(stated)  # so that others keep their checksums

@@ -215,6 +215,11 @@ def test_an_edited_measure_is_named(folder, name, value):
         ({"reasons": 5}, "robot.json was edited: reasons: 5 is not a list of texts"),
         ({"uncertainty": {"position": "x"}}, "robot.json says uncertainty = {'position': 'x'}"),
         ({"uncertainty": None}, "robot.json says uncertainty = None"),
+        (
+            {"uncertainty": {"position": 0.0, "rotation_deg": 0.0, "joints": 0.1}},
+            "robot.json says uncertainty =",
+        ),
+        ({"clearance_deviating": 0.01}, "robot.json says clearance_deviating = 0.01, the motion's is None"),
         ({"mass_shares": "all"}, "robot.json says mass_shares = 'all'"),
         ({"mass_shares": [0.5, 0.5]}, "robot.json says mass_shares = [0.5, 0.5], it is judged by None"),
         ({"joint_margin_min": 10**400}, "robot.json says joint_margin_min"),

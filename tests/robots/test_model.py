@@ -396,6 +396,15 @@ def refused(folder, told, *arguments, **more):
         ({"limits": {"elbwo": {"lower": 0}}}, ["limits", "no joint 'elbwo'", "did you mean 'elbow'?"]),
         ({"limits": {"elbow": {"lower": 5}}}, ["limits", "'elbow' has the limits 5 to 2"]),
         ({"springs": {"neck": 0.5}}, ["springs", "no joint 'neck'", "known: shoulder, elbow"]),
+        (
+            {"uncertainty": {"joints": {"elbwo": 0.01, "shoulder": 0.01}}},
+            ["uncertainty.joints", "no joint that moves 'elbwo'", "did you mean 'elbow'?"],
+        ),
+        (
+            {"uncertainty": {"joints": {"shoulder": 0.01}}},
+            ["uncertainty.joints", "'elbow' moves and has no deviation", "{elbow: 0.01}", "joints: 0.01"],
+        ),
+        ({"uncertainty": {"joints": {}}}, ["'shoulder' moves and has no deviation", "joints: 0.005"]),
     ],
 )  # fmt: skip
 def test_a_description_that_does_not_fit_its_model_is_told_in_one_sentence(more, told, tmp_path):
@@ -432,7 +441,8 @@ FULL = {
     "acceleration": 5,
     "springs": {"elbow": 0.5},
     "servo": {"stiffness": [100, 100]},
-    "uncertainty": {"position": 0.001, "rotation_deg": 0.1},
+    "uncertainty": {"position": 0.001, "rotation_deg": 0.1, "joints": {
+        "shoulder": 0.01, "elbow": 0.01, "r_shoulder": 0.01, "r_elbow": 0.02}},
 }  # fmt: skip
 JUNK = [None, {}, [], "junk", "", -1, 1e300, math.nan, True, [[1]], {"junk": 1}, "../../x", "a" * 300]
 

@@ -439,7 +439,7 @@ def test_arms_do_not_leave_with_grippers_that_jam(robot, verified, transfers):
 def test_a_goal_that_comes_after_its_cancellation_is_ended(ros, monkeypatch):
     """Services keep no order among each other, and a server forgets whom it was asked to end."""
     action, number = ros.action("left"), "ab" * 16
-    goal = {"id": number, "joints": ["left_1"], "time": [0, 10**10], "path": 0.0, "end": 0.0, "late": 1.0}
+    goal = {"id": number, "joints": ["left_1"], "time": [0, 10**10], "path": [0.0], "end": [0.0], "late": 1.0}
     goal |= {kind: [[0.0], [0.0]] for kind in ("position", "velocity", "acceleration")}
     command = {
         "do": "connect",

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
+from comove.robots import verify_joints
 from comove.ros import ExportError, SendError, Tolerances, parts_of, send
 from comove.ros.send import ArmState, RobotState, Status
+from tests.robots.known_carry import baxter, known_carry, uncertain_baxter
 
 STEP = 0.01  # s, that a look at the state takes
 TOLERANCES = Tolerances()
@@ -28,6 +30,7 @@ class Fake:
     has_grippers: bool = False
     grips: list = field(default_factory=list)  # (time since the common start [s], whether closed)
     lasting: float = 0.3  # s, of a motion of the grippers
+    tolerances: object = None
 
     def clock(self):
         return self.now
@@ -37,7 +40,7 @@ class Fake:
         self.calls.append("connect")
 
     def send(self, goals, delay, tolerances):
-        self.goals, self.start = goals, self.now + delay
+        self.goals, self.start, self.tolerances = goals, self.now + delay, tolerances
         self.calls.append("send")
 
     def grip(self, closed):
@@ -282,3 +285,67 @@ def test_approach_and_release_are_sent_too(verified, transfers):
 def test_a_tolerance_that_would_never_stop_an_arm_is_refused(name, value):
     with pytest.raises(OptionError, match=name):
         Tolerances(**{name: value})
+
+
+E = 0.004  # rad, by which joints may deviate, and twice that for those of the right arm
+
+
+@pytest.fixture(scope="module")
+def certified():
+    stated = {name: 2 * E if name.startswith("right") else E for name in baxter().joint_names}
+    return verify_joints(uncertain_baxter(joints=stated), *known_carry()).verified
+
+
+def test_tolerances_are_the_certified_deviations(certified):
+    """By joint, for the controllers and for the watch; a start farther away than a hundredth is refused as ever."""
+    fake = Fake(certified)
+    send(fake, certified, clock=fake.clock)
+    for joint in certified.robot.joint_names:
+        own = 2 * E if joint.startswith("right") else E
+        assert fake.tolerances.of("path", [joint]) == fake.tolerances.of("end", [joint]) == [own]
+        assert fake.tolerances.of("start", [joint]) == [own]
+
+
+@pytest.mark.parametrize(("joint", "allowed"), [("left_w0", E), ("right_w0", 2 * E)])
+def test_a_joint_that_deviates_more_than_certified_stops_all(certified, joint, allowed):
+    within = Fake(certified, [(3.0, shifted(joint, 0.99 * allowed))])
+    assert send(within, certified, clock=within.clock).deviation == pytest.approx(0.99 * allowed)
+    beyond = Fake(certified, [(3.0, shifted(joint, 1.01 * allowed))])
+    with pytest.raises(SendError, match=rf"'{joint}' is .* off the motion \({allowed:g} allowed\)"):
+        send(beyond, certified, clock=beyond.clock)
+
+
+def test_narrower_tolerances_are_taken(certified):
+    fake = Fake(certified, [(3.0, shifted("right_w0", 0.0021))])
+    with pytest.raises(SendError, match=r"off the motion \(0\.002 allowed\)"):
+        send(fake, certified, tolerances=Tolerances(path=0.002), clock=fake.clock)
+    assert fake.tolerances.of("path", ["right_w0"]) == [0.002]
+
+
+@pytest.mark.parametrize("name", ["start", "path", "end"])
+@pytest.mark.parametrize("wide", [1.01 * E, {"left_w0": 1.01 * E}])
+def test_wider_tolerances_are_refused_before_anything_is_sent(certified, name, wide):
+    given = wide if isinstance(wide, float) else dict.fromkeys(certified.robot.joint_names, E) | wide
+    fake = Fake(certified)
+    with pytest.raises(
+        OptionError, match=rf"tolerances\.{name}: 0\.00404 is wider than 0\.004.*give at most 0\.004"
+    ):
+        send(fake, certified, tolerances=Tolerances(**{name: given}), clock=fake.clock)
+    assert not fake.calls
+
+
+def test_tolerances_by_name_are_those_of_all_joints(certified):
+    with pytest.raises(
+        OptionError, match=r"tolerances\.path: '\w+' has none; give all joints', or one number"
+    ):
+        Tolerances(path={"left_w0": E}).certified(certified)
+
+
+def test_without_certified_deviations_tolerances_are_the_usual_ones(verified):
+    fake = Fake(verified)
+    send(fake, verified, clock=fake.clock)
+    assert [fake.tolerances.of(name, ["left_w0"]) for name in ("start", "path", "end")] == [
+        [0.01],
+        [0.2],
+        [0.0],
+    ]

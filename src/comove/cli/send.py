@@ -13,6 +13,9 @@ from comove.cli.texts import say
 from comove.errors import OptionError
 
 PARTS = (o.CARRY, "approach", "release")
+OPTIONS = {f"tolerances.{name}": f"--{name}-tolerance" for name in ("start", "path")}
+OPTIONS["tolerances.end"] = "--goal-tolerance"
+CERTIFIED = "as far as the motion is certified for"
 
 
 @verb
@@ -20,17 +23,24 @@ def send(
     folder: o.JointFolder,
     part: Annotated[str, typer.Option(help=f"One of: {', '.join(PARTS)}.")] = o.CARRY,
     start_tolerance: Annotated[
-        float, typer.Option(help="How far a joint may be from the motion's start [rad].")
-    ] = 0.01,
-    path_tolerance: Annotated[
-        float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
-    ] = 0.2,
-    goal_tolerance: Annotated[
-        float,
+        float | None,
         typer.Option(
-            help="How far a joint may be from the goal at the end, for its controller [rad]; 0: its own."
+            help=f"How far a joint may be from the motion's start [rad]; {CERTIFIED}, 0.01 at most."
         ),
-    ] = 0.0,
+    ] = None,
+    path_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help=f"How far a joint may be from the motion while it runs [rad]; {CERTIFIED}, else 0.2."
+        ),
+    ] = None,
+    goal_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help=f"How far a joint may be from the goal at the end, for its controller [rad]; {CERTIFIED}, else "
+            "the controller's own (0)."
+        ),
+    ] = None,
     timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 10.0,
     present: o.PresentFile = None,
     ros: Annotated[
@@ -47,23 +57,32 @@ def send(
 ) -> int:
     """Verify the motion in DIR again and play it over ROS. All arms start in step."""
     from comove.robots import plan_transfers
+    from comove.robots.verification.allowed import allowed_deviation
     from comove.ros import IN_STEP, Names, RosClient, SendError, Tolerances, send
     from comove.ros.clients import MIDDLEWARES
 
     o.require_one_of(part, PARTS, "part")
     if ros is not None and ros not in MIDDLEWARES:
         raise OptionError(f"there is no ROS {ros}", key="--ros", way_out="give 1 or 2")
-    if not (goal_tolerance == 0 or 0 < goal_tolerance < float("inf")):
+    if not (goal_tolerance is None or 0 <= goal_tolerance < float("inf")):
         raise OptionError(
             f"{goal_tolerance} is not possible", key="--goal-tolerance", way_out="give 0 or more"
         )
     given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
     for option, value in given.items():
-        if not 0 < value < float("inf"):
+        if not (value is None or 0 < value < float("inf")):
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
     o.require_approach(present, part == "approach")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, end=goal_tolerance, connect=timeout)
     motion = trusted.verified(folder)
+    try:
+        tolerances = tolerances.certified(motion)
+    except OptionError as error:
+        error.key = OPTIONS.get(error.key or "", error.key)
+        raise
+    if motion.report.uncertainty.joints is None:
+        most = allowed_deviation(motion.robot, motion.motion, motion.joints)
+        say(f"warning: {unproven(most)}", file=sys.stderr)
     if motion.scene.moving.any():
         say(f"warning: {IN_STEP}", file=sys.stderr)
     transfers = None
@@ -89,3 +108,18 @@ def send(
         f"{outcome.deviation:.3g} rad from the motion at most"
     )
     return VERIFIED
+
+
+def unproven(most: float) -> str:
+    """Return a warning that deviations of joints are not certified.
+
+    Parameters
+    ----------
+    most : largest deviation of all joints that the motion allows [rad]
+    """
+    told = "nothing is proved about joints that deviate from the motion: the robot's description states no deviations"
+    if most == 0.0:
+        return f"{told}, and the motion allows none"
+    return (
+        f"{told}; write uncertainty: {{joints: {most:g}}}, which the motion allows, and solve the scene again"
+    )

@@ -61,6 +61,8 @@ def verify(
     if reasons:
         say(f"{folder}: rejected", *(f"  - {reason}" for reason in reasons), file=sys.stderr)
         _say_against(parts, file=sys.stderr)
+        for words in filter(None, (part.allowance for part in parts)):
+            say(f"  deviations of joints: {words}, in the robot's description", file=sys.stderr)
         if scene is not None:
             _say_changes(parts[0], folder, scenes[0])
         return NOT_VERIFIED
@@ -97,6 +99,8 @@ def _say_measures(parts: tuple[Verification, ...]) -> None:
         for part in parts
         for name, words, asked in part.rows
     )
+    allowed = [part.allowance for part in parts]
+    rows |= dict.fromkeys(("deviations of joints", words, "") for words in allowed if words)
     print(*in_rows(rows), sep="\n")
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         robot_method as robot_method,
     )
     from comove.robots.transfers import Transfers as Transfers, plan_transfers as plan_transfers
+    from comove.robots.verification.allowed import allowed_deviation as allowed_deviation
     from comove.robots.verification.verify import (
         JointReport as JointReport,
         JointVerdict as JointVerdict,
@@ -49,6 +50,7 @@ __all__, __getattr__, __dir__ = lazily(
         "robots.recorded": ["end_effector_path"],
         "robots.solving": ["JointSolution", "carry", "robot_method"],
         "robots.transfers": ["Transfers", "plan_transfers"],
+        "robots.verification.allowed": ["allowed_deviation"],
         "robots.verification.verify": ["JointReport", "JointVerdict", "VerifiedJointMotion", "verify_joints"],
     },
 )

@@ -15,7 +15,7 @@ limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, jerk
 acceleration: 5.0              # rad/s^2, of joints for which neither `limits` nor the URDF states one
 springs: {left_joint2: 0.4}    # share of the arm's own weight that springs hold at a joint
 servo: {stiffness: [2000, 2000, 2000, 2000, 1500, 1500, 400]}   # N m/rad, of a simulator's motors, by joint
-uncertainty: {position: 0.002, rotation_deg: 0.1}   # [m, deg] tolerance of the place of each base
+uncertainty: {position: 0.002, rotation_deg: 0.1, joints: 0.005}   # of each base [m, deg], and joint [rad, m]
 ros:                           # names of its controllers, for `comove send`
   action: "/{arm}_controller/follow_joint_trajectory"   # without {arm}: one controller of all arms
   joint_states: /joint_states
@@ -36,13 +36,21 @@ effector included. Paths are relative to the description, or ``package://NAME/..
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
 
 from comove.arrays import Array
 from comove.errors import RobotError, SceneError, near_name
@@ -226,11 +234,27 @@ class Servo(Part):
     stiffness: Sizes
 
 
-class Uncertainty(Part):
-    """Tolerances of the places of the bases: `position` [m] and `rotation_deg` [deg]."""
+class Uncertainty(Sparse):
+    """Tolerances of bases, `position` [m] and `rotation_deg` [deg], and of joints."""
+
+    LATER = ("joints",)
 
     position: NotNegative = 0.0
     rotation_deg: NotNegative = 0.0
+    joints: (
+        Annotated[
+            Annotated[Positive, Tag("of all")] | Annotated[dict[str, Positive], Tag("by joint")],
+            Discriminator(lambda value: "by joint" if isinstance(value, dict) else "of all"),
+        ]
+        | None
+    ) = None
+    """Largest deviation of every joint that moves from its command, or by joint [rad, m for prismatic joints]."""
+
+    def deviations(self, names: Sequence[str]) -> Array:
+        """Return joints' largest deviations [rad, m], 0 where none are stated."""
+        if isinstance(self.joints, dict):
+            return np.array([self.joints.get(name, 0.0) for name in names])
+        return np.full(len(names), self.joints or 0.0)
 
 
 class RosGripper(Sparse):

@@ -45,14 +45,20 @@ from comove.robots.description import bundled_robots, find_description, is_file
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints, without_gripper
-from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
+from comove.robots.verification.verify import (
+    DEVIATING,
+    JointReport,
+    JointVerdict,
+    VerifiedJointMotion,
+    verify_joints,
+)
 
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
 FITS = 1e-10  # rad and rad/s, to which samples agree with each other
 SAME_CLEARANCE = 2e-3  # m, of bounds that are only so tight
 _TYPES = {
     **{"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT},
-    **dict.fromkeys(JointReport().asdict(), NUMBER.or_nothing),
+    **dict.fromkeys((*JointReport().asdict(), *DEVIATING), NUMBER.or_nothing),
     "without_gripper": TEXTS.or_nothing,
 }
 
@@ -328,7 +334,8 @@ def verify_stored(
     if stored.summary.get("verified") is not True:
         edits.append(f"{JOINTS.summary} does not claim a verified motion")
     elif verdict.verified is not None:
-        edited = JOINTS.differences(stored.summary, verdict.report.asdict(), _near)
+        measures = dict.fromkeys(DEVIATING) | verdict.report.asdict()
+        edited = JOINTS.differences(stored.summary, measures, _near)
         edits += edited or JOINTS.mistyped(stored.summary)
         if stored.summary.get("robot") != robot.name:
             told = shortened(repr(stored.summary.get("robot")))

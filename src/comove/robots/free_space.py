@@ -102,7 +102,7 @@ class Room:
     def _required(self) -> Array:
         """Return the distance that each pair keeps; array, shape (n_pairs,) [m]."""
         bodies = self.bodies
-        return bodies.required[bodies.kind] + bodies.taken + self.spare
+        return np.maximum(bodies.required[bodies.kind], bodies.strayed) + bodies.taken + self.spare
 
     @cached_property
     def _all(self) -> _Pairs:

@@ -597,6 +597,7 @@ def _reduced(
         )
         for name, arm in description.arms.items()
     )
+    _require_deviations(description, names)
     relief = np.array([description.springs.get(name, 0.0) for name in names])
     return Robot(
         description, reduced, geometry, arms, **limits, relief=relief, sha256=sha256, sources=sources
@@ -633,6 +634,21 @@ def _limits(
                     way_out=f"give another: limits: {{{name}: {{{key}: NUMBER}}}}",
                 )
     return limits
+
+
+def _require_deviations(description: RobotFile, names: list[str]) -> None:
+    """Reject deviations that leave out a joint. Nothing could be certified."""
+    joints, key = description.uncertainty.joints, "uncertainty.joints"
+    if not isinstance(joints, dict):
+        return
+    _require_known(joints, names, key, "joint that moves")
+    if missing := [name for name in names if name not in joints]:
+        known = max(joints.values(), default=0.005)
+        raise RobotError(
+            f"the joint '{missing[0]}' moves and has no deviation",
+            key=key,
+            way_out=f"state it: {{{missing[0]}: {known:g}}}, or one number for all joints: joints: {known:g}",
+        )
 
 
 def _or(default: float, values: list[float | None]) -> Array:

@@ -472,13 +472,14 @@ def _verified(
         check.rest(robot, curve),
         check.limits(robot, curve),
         check.torques(robot, curve, arms, np.zeros(len(arms))),
-        check.clearances(bodies, still, curve),
     ]
+    parts = [(bodies, still, curve)]
     if of_hands.any():
-        findings.append(check.clearances(hands, still, _after(curve, free_from)))
+        parts.append((hands, still, _after(curve, free_from)))
+    apart = [check.clearances(*part) for part in parts]
+    findings += [*apart, *(check.deviating(*part) for part in parts)]
     reasons = [reason for finding in findings for reason in finding.reasons]
-    measures = [value for finding in findings[3:] for value in finding.measures.values()]
-    return reasons, min(measures)
+    return reasons, min(value for finding in apart for value in finding.measures.values())
 
 
 def _after(curve: JointCurve, time: float) -> JointCurve:

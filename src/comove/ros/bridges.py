@@ -9,7 +9,7 @@ Commands:
         "grippers": {ARM: {"kind": TYPE, "action": ACTION, "joint": NAME}}}
     {"do": "send", "delay": s, "goals": {ACTION: {"id": NUMBER, "joints": [NAME], "time": [ns],
         "position": [[rad]], "velocity": ..., "acceleration": ...,
-        "path": rad, "end": rad, "late": s}}}             the controller's tolerances; 0 rad: what it has by itself
+        "path": [rad], "end": [rad], "late": s}}}         the controller's tolerances; 0 rad: what it has by itself
     {"do": "grip", "goals": {ARM: {"position": rad or m, "effort": N, "seconds": s, "closed": bool}}}
     {"do": "guard", "ids": {ACTION: NUMBER}}             goals of another bridge, to be cancelled at the end
     {"do": "cancel"}

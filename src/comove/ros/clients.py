@@ -238,8 +238,8 @@ class RosClient:
                 "position": goal.position.tolist(),
                 "velocity": goal.velocity.tolist(),
                 "acceleration": goal.acceleration.tolist(),
-                "path": tolerances.path,
-                "end": tolerances.end,
+                "path": tolerances.of("path", goal.joint_names),
+                "end": tolerances.of("end", goal.joint_names),
                 "late": tolerances.late,
             }
         arms = {arm: ArmState(Status.PENDING) for arm in goals}

@@ -169,13 +169,13 @@ class RosBridge(object):
             point.time_from_start = rospy.Duration(nanoseconds // 10**9, nanoseconds % 10**9)
             point.positions, point.velocities, point.accelerations = position, velocity, acceleration
             message.trajectory.points.append(point)
-        for tolerances, value in (
+        for tolerances, values in (
             (message.path_tolerance, goal["path"]),
             (message.goal_tolerance, goal["end"]),
         ):
-            for joint in goal["joints"] if value else ():
-                tolerance = self.types["control_msgs/JointTolerance"](name=joint, position=value)
-                tolerances.append(tolerance)
+            for joint, value in zip(goal["joints"], values):
+                if value:
+                    tolerances.append(self.types["control_msgs/JointTolerance"](name=joint, position=value))
         message.goal_time_tolerance = rospy.Duration(goal["late"])
         return message
 

@@ -338,10 +338,9 @@ class Ros2Bridge(Ros2Node):
                     time_from_start=Duration(sec=sec, nanosec=nanosec),
                 )
             )
-        for field, value in (("path_tolerance", goal["path"]), ("goal_tolerance", goal["end"])):
-            if value:
-                allowed = [JointTolerance(name=joint, position=value) for joint in goal["joints"]]
-                setattr(message, field, allowed)
+        for field, values in (("path_tolerance", goal["path"]), ("goal_tolerance", goal["end"])):
+            by_joint = zip(goal["joints"], values, strict=True)
+            setattr(message, field, [JointTolerance(name=name, position=v) for name, v in by_joint if v])
         sec, nanosec = divmod(round(goal["late"] * 1e9), 10**9)
         message.goal_time_tolerance = Duration(sec=sec, nanosec=nanosec)
         return message

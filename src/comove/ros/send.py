@@ -4,14 +4,14 @@ coordination is independent of the middleware, which a `TrajectoryClient` connec
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from comove.arrays import first_largest
+from comove.arrays import Array, first_largest
 from comove.errors import OptionError, SendError, near_name
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -130,15 +130,24 @@ class TrajectoryClient(Protocol):
         """Return the known state, after waiting at most `wait` [s]."""
 
 
+JointTolerance = float | Mapping[str, float] | None
+"""A tolerance of all joints, or by joint, or None for the usual one."""
+UNCERTIFIED = {"start": 0.01, "path": 0.2, "end": 0.0}
+"""Tolerances of joints [rad, m] of a motion that is certified for no deviations."""
+
+
 @dataclass(frozen=True)
 class Tolerances:
     """Tolerances beyond which a motion is not started, or is stopped.
 
+    Those of joints are numbers for all or by name. Where they are not given, they are the deviations for which a
+    motion is certified (`certified`), and without any those of `UNCERTIFIED`.
+
     Attributes
     ----------
-    start : largest distance of a joint from the first sample [rad]
-    path : largest distance of a joint from the running motion [rad]
-    end : largest distance of a joint from the goal, for the controllers [rad]; 0 for what they have by themselves
+    start : largest distance of a joint from the first sample [rad, m for prismatic joints]
+    path : largest distance of a joint from the running motion [rad, m]
+    end : largest distance of a joint from the goal, for the controllers [rad, m]; 0 for what they have by themselves
     connect : time to wait for the robot [s]
     delay : time from sending to the common start, slightly longer for long motions [s]
     late : largest time from the end of the motion until it is reported as done [s]
@@ -147,9 +156,9 @@ class Tolerances:
     look : time that one query of the state waits for news [s]
     """
 
-    start: float = 0.01
-    path: float = 0.2
-    end: float = 0.0
+    start: JointTolerance = None
+    path: JointTolerance = None
+    end: JointTolerance = None
     connect: float = 10.0
     delay: float = 0.3
     late: float = 3.0
@@ -158,13 +167,58 @@ class Tolerances:
     look: float = 0.02
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name == "end" and value == 0:
-                continue
-            if isinstance(value, bool) or not 0 < value < float("inf"):  # NaN would never stop an arm
+        for name, given in vars(self).items():
+            for value in given.values() if isinstance(given, Mapping) else (given,):
+                if name in UNCERTIFIED and (value is None or (name == "end" and value == 0)):
+                    continue
+                if isinstance(value, bool) or not 0 < value < float("inf"):  # NaN would never stop an arm
+                    raise OptionError(
+                        f"{value} is not possible", key=f"tolerances.{name}", way_out="give a positive number"
+                    )
+
+    def of(self, name: str, joints: Sequence[str]) -> list[float]:
+        """Return the tolerances of joints: start, path or end [rad, m]."""
+        given = getattr(self, name)
+        if isinstance(given, Mapping):
+            if missing := [joint for joint in joints if joint not in given]:
                 raise OptionError(
-                    f"{value} is not possible", key=f"tolerances.{name}", way_out="give a positive number"
+                    f"'{missing[0]}' has none",
+                    key=f"tolerances.{name}",
+                    way_out="give all joints', or one number",
                 )
+            return [float(given[joint]) for joint in joints]
+        return [UNCERTIFIED[name] if given is None else float(given)] * len(joints)
+
+    def certified(self, motion: VerifiedJointMotion) -> Tolerances:
+        """Return tolerances no wider than the certified deviations of a motion.
+
+        Where none are certified, as they are stated in no description, these tolerances are returned.
+
+        Raises
+        ------
+        OptionError
+            If a given one is wider.
+        """
+        if motion.report.uncertainty.joints is None:
+            return self
+        names = motion.robot.joint_names
+        allowed = motion.report.uncertainty.deviations(names).tolist()
+        chosen = dict[str, Any]()
+        for name in UNCERTIFIED:
+            if getattr(self, name) is None:
+                usual = UNCERTIFIED[name] or np.inf
+                chosen[name] = {joint: min(most, usual) for joint, most in zip(names, allowed, strict=True)}
+                continue
+            for joint, most, value in zip(names, allowed, self.of(name, names), strict=True):
+                if not 0 < value <= most:
+                    told = f"{value:g} is wider than {most:g}" if value else "0 leaves it to the controllers"
+                    raise OptionError(
+                        f"{told}, and the motion is certified for deviations of '{joint}' up to {most:g}",
+                        key=f"tolerances.{name}",
+                        way_out=f"give at most {min(allowed):g}, or leave it out; or state larger deviations in the "
+                        "robot's description (uncertainty: joints) and solve the scene again",
+                    )
+        return replace(self, **chosen)
 
 
 @dataclass(frozen=True)
@@ -206,6 +260,7 @@ def send(
     client : connection to the robot
     motion : verified motion; no other is accepted
     part : carry, approach or release; the last two are those of `transfers`
+    tolerances : none wider than the deviations for which the motion is certified
     rate : samples per second [Hz], at least 20
     clock : function that returns the seconds of a monotonic clock
 
@@ -213,6 +268,8 @@ def send(
     ------
     ExportError
         If the motion is not verified, or the rate too low.
+    OptionError
+        If there is no such part, or a tolerance is wider than certified.
     SendError
         If the robot is not found, is not at the motion's start, or an arm does not follow. Once goals were sent, all
         arms have been told to stop.
@@ -223,6 +280,7 @@ def send(
         raise OptionError(f"there is no part '{part}'", key="part", way_out=way_out)
     chosen = parts[part]
     require_rate(motion, rate)
+    tolerances = tolerances.certified(motion)
     client.connect(chosen.arms, tolerances.connect)
     _require_start(client, chosen, tolerances, clock)
     grips = chosen.grips if client.has_grippers else ()
@@ -272,15 +330,15 @@ def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Toler
         )
     _require_alone(state, part)
     found = np.array([state.position[name] for name in wanted])
-    off = np.abs(found - part.joints.position[0])
-    if not (off <= tolerances.start).all():
-        worst = first_largest(np.nan_to_num(off, nan=np.inf))
+    off, allowed = np.abs(found - part.joints.position[0]), np.array(tolerances.of("start", wanted))
+    if not (off <= allowed).all():
+        worst = first_largest(np.nan_to_num(off / allowed, nan=np.inf))
         way_out = "bring the robot there first, by the approach for example"
-        if (np.abs(np.radians(found) - part.joints.position[0]) <= tolerances.start).all():
+        if (np.abs(np.radians(found) - part.joints.position[0]) <= allowed).all():
             way_out = "the robot seems to tell degrees: have it tell its joints in rad"
         raise SendError(
             f"the joint '{wanted[worst]}' is at {found[worst]:.4f} rad, and the {part.name} begins at "
-            f"{part.joints.position[0, worst]:.4f} rad, {off[worst]:.3g} rad away ({tolerances.start:g} allowed)",
+            f"{part.joints.position[0, worst]:.4f} rad, {off[worst]:.3g} rad away ({allowed[worst]:g} allowed)",
             key="start",
             way_out=way_out,
         )
@@ -340,16 +398,21 @@ def _watched(
 ) -> SendOutcome:
     """Wait until all arms are done, with the grippers moved meanwhile; stop all if one fails."""
     began, worst = clock(), 0.0
+    within = np.array(tolerances.of("path", part.joints.joint_names))
     while True:
         state = client.state(tolerances.look)
         if grips and state.time is not None and state.time >= grips[0].time:
             client.grip(grips.pop(0).closed)
             state = client.state(0.0)
-        off, joint = _deviation(state, part)
-        worst = max(worst, off)
+        off = _deviations(state, part)
+        worst = max(worst, float(off.max()))
         reason = _failure(state, tolerances)
-        if not reason and not off <= tolerances.path:
-            reason = f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
+        if not reason and not (off <= within).all():
+            joint = first_largest(off / within)
+            reason = (
+                f"the joint '{part.joints.joint_names[joint]}' is {off[joint]:.3g} rad off the motion "
+                f"({within[joint]:g} allowed)"
+            )
         if not reason and state.time is not None and state.time > part.released_by:
             held = [
                 name for name, gripper in state.grippers.items() if gripper.status is not Status.SUCCEEDED
@@ -401,16 +464,14 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
     return ""
 
 
-def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
-    """Return the largest joint deviation [rad] and the joint's name."""
+def _deviations(state: RobotState, part: MotionPart) -> Array:
+    """Return the joints' distances from the motion; array, shape (n_joints,)."""
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:
-        return 0.0, names[0]
+        return np.zeros(len(names))
     times = np.array([state.times.get(name, state.time) for name in names])
     wanted = np.diagonal(joints.curve(np.clip(times, 0.0, joints.duration)))
-    off = np.abs([state.position[name] for name in names] - wanted)
-    worst = first_largest(np.nan_to_num(off, nan=np.inf))
-    return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]
+    return np.nan_to_num(np.abs([state.position[name] for name in names] - wanted), nan=np.inf)
 
 
 def _goes_on(state: RobotState, name: str) -> bool:

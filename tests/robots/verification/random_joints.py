@@ -2,7 +2,8 @@
 
 The judge has links from the raw URDFs (`tests.robots.raw_links`), obstacles and payload from the scene's file
 (`tests.brute_force`), joints from SciPy's spline, and distances from coal. What it finds at an instant is met there,
-so it is an upper bound of the true clearance: nothing certified may lie above it.
+so it is an upper bound of the true clearance: nothing certified may lie above it. Where joints may deviate, it looks
+for the corner of their box that brings the bodies nearest, joint by joint.
 """
 
 from functools import cache
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from comove.model import Scene
 from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.robots import JointMotion
+from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import certify
@@ -37,6 +39,10 @@ COARSE, KEPT, PARTS, REFINEMENTS = (
 ASIDE = np.array([0.0, 0.0, 4.0])  # m, where nobody meets anything
 FORWARD = np.array([0.3, 0.0, 0.0])  # m, from start to goal of a hand
 ROUNDING = 1e-6  # m, of coal
+LEVERS = (
+    0.5,
+    4.0,
+)  # m, between which the sum of a body's lever arms is guessed, to bring bodies near in the end
 
 
 class Body(NamedTuple):
@@ -69,6 +75,14 @@ def raw(name):
 
 
 @cache
+def movable(name):
+    """Numbers in `raw` of the bodies that joints of the robot move."""
+    home = robot(name).home
+    both = zip(raw(name).bodies(home), raw(name).bodies(home + 0.1), strict=True)
+    return frozenset(k for k, (a, b) in enumerate(both) if a[2] != b[2])
+
+
+@cache
 def own_pairs(name):
     """Pairs of links, by their numbers in `raw`, that the robot keeps apart."""
     number = {item: k for k, (item, *_) in enumerate(raw(name).bodies(robot(name).home))}
@@ -80,10 +94,14 @@ def own_pairs(name):
     return [(number[a], number[b]) for a, b in named if a in number and b in number]
 
 
-def near_contact(rng, name):
-    """A random motion of a robot, and a scene in which it hardly touches something, or itself."""
+def near_contact(rng, name, strays=0.0):
+    """A random motion of a robot, and a scene in which it hardly touches something, or itself.
+
+    Where joints may stray that far [rad, m], it is about as far away as they may bring it nearer.
+    """
     machine, kind = robot(name), int(rng.choice([SCENE, SCENE, LOAD, SELF]))
     size, wanted = float(rng.choice([0.05, 0.2, 0.6, 1.5])), ROBOT_CLEARANCE + offset_of(rng)
+    wanted += strays * rng.uniform(*LEVERS) - ROBOT_CLEARANCE if strays else 0.0
     away = rng.uniform(-1.0, 1.0, (N_KNOTS, len(machine.home)))
 
     def joints(share):
@@ -121,6 +139,17 @@ def near_contact(rng, name):
     return Draw(machine, scene, motion, kind)
 
 
+def deviating(rng, name):
+    """A draw of `near_contact`, and deviations of its joints: of all, of one alone, or of each another one."""
+    largest, n = float(rng.choice([0.002, 0.01, 0.05])), len(robot(name).home)
+    deviations = np.full(n, largest)
+    if (kind := rng.integers(3)) == 1:
+        deviations = np.where(np.arange(n) == rng.integers(n), largest, 1e-9)
+    elif kind == 2:
+        deviations = largest * rng.uniform(0.01, 1.0, n)
+    return near_contact(rng, name, float(deviations.mean())), deviations
+
+
 def least(name, draw, refinements=REFINEMENTS):
     """The least distance [m] of the draw's kind of pairs that is met, and its time [s]."""
     curve = CubicSpline(draw.joints.time, draw.joints.position, bc_type="clamped")
@@ -136,18 +165,43 @@ def least(name, draw, refinements=REFINEMENTS):
     return found
 
 
-def judged(name, draw):
-    """What is certified [m], what is met [m], and the outcome in a word."""
+def worst_corner(name, draw, time, deviations):
+    """The least distance [m] that is met at an instant where joints deviate that much; array, shape (n_joints,)."""
+    curve = CubicSpline(draw.joints.time, draw.joints.position, bc_type="clamped")
+
+    def met(off):
+        bodies, pairs = _bodies(name, draw, curve, np.array([time]), off)
+        return float(_nearest(bodies, pairs, 1, 1)[0])
+
+    off = np.zeros(len(deviations))
+    found = met(off)
+    for j in np.flatnonzero(deviations):
+        for sign in (-1.0, 1.0):
+            other = off.copy()
+            other[j] = sign * deviations[j]
+            if (near := met(other)) < found:
+                found, off = near, other
+    return found
+
+
+def judged(name, draw, deviations=None):
+    """What is certified [m], what is met [m], and the outcome in a word.
+
+    `deviations` are those that joints may have from their commands; array, shape (n_joints,).
+    """
     scene = draw.scene
     carried = Carried.straight(scene)
     arms = tuple(draw.robot.arm(arm) for arm in scene.manipulators)
-    bases = Bases(draw.robot, draw.robot.description.uncertainty)
-    bodies = bodies_of(bases, arms, carried, carried.hands(carried.time).positions, 1e-5, held=False)
-    clearance, required = (
-        certify(bodies, carried, draw.joints.curve, 0.0)[draw.kind],
-        bodies.required[draw.kind],
-    )
-    met = least(name, draw)[0]
+    uncertainty, curve = draw.robot.description.uncertainty, draw.joints.curve
+    if deviations is not None:
+        uncertainty = Uncertainty(joints=dict(zip(draw.robot.joint_names, deviations.tolist(), strict=True)))
+    bases, hands = Bases(draw.robot, uncertainty), carried.hands(carried.time).positions
+    bodies = bodies_of(bases, arms, carried, hands, 1e-5, held=False, curve=curve)
+    bodies = bodies if deviations is None else bodies.deviating
+    clearance, required = certify(bodies, carried, curve, 0.0)[draw.kind], bodies.required[draw.kind]
+    met, time = least(name, draw)
+    if deviations is not None:
+        met = worst_corner(name, draw, time, deviations)
     word = "certified" if clearance.lower >= required else "contact" if met < required else "undecided"
     if clearance.lower > max(met, 0.0) + ROUNDING:
         word = "false certificate"
@@ -195,9 +249,9 @@ def _scene(machine, place, obstacle):
     return Scene.from_dict(data)
 
 
-def _bodies(name, draw, curve, times):
-    """Bodies at instants, and the pairs of them that are of the draw's kind."""
-    placed = [raw(name).bodies(q) for q in curve(times)]
+def _bodies(name, draw, curve, times, off=0.0):
+    """Bodies at instants, and the pairs of them that are of the draw's kind; joints are off by so much [rad, m]."""
+    placed = [raw(name).bodies(q) for q in curve(times) + off]
     bodies = []
     for k, (_, geometry, _, _) in enumerate(placed[0]):
         turns = np.array([row[k][2].rotation for row in placed])
@@ -205,13 +259,12 @@ def _bodies(name, draw, curve, times):
         bodies.append(_body(geometry, turns, places))
     if draw.kind == SELF:
         return bodies, own_pairs(name)
-    others = _obstacles(draw.scene, times) if draw.kind == SCENE else _rods(draw.scene, times)
+    if draw.kind == SCENE:
+        others = _obstacles(draw.scene, times)
+    else:
+        others = _rods(draw.scene, times, _hands_off(name, draw.scene, curve(times), off))
     at_rest = draw.kind == SCENE and draw.scene.file.obstacles[0].motion is None
-    met = [
-        k
-        for k, body in enumerate(bodies)
-        if not at_rest or np.ptp(body.turns, axis=0).any() or np.ptp(body.places, axis=0).any()
-    ]
+    met = [k for k in range(len(bodies)) if not at_rest or k in movable(name)]
     return [*bodies, *others], [(k, len(bodies) + i) for k in met for i in range(len(others))]
 
 
@@ -219,12 +272,37 @@ def _obstacles(scene, times):
     return [_body(SHAPES[one.shape](one), *brute_force.placed(one, times)) for one in scene.file.obstacles]
 
 
-def _rods(scene, times):
-    """The payload's rods; the hands take it straight at the pace of least jerk."""
+def _hands_off(name, scene, joints, off):
+    """By how much hands are displaced where joints are off; array, shape (n_times, 2, 3) [m]."""
+    return np.array(
+        [
+            [
+                raw(name).grasp(arm, q + off).translation - raw(name).grasp(arm, q).translation
+                for arm in scene.manipulators
+            ]
+            for q in joints
+        ]
+    )
+
+
+def _rods(scene, times, off):
+    """The payload's rods; the hands take it straight at the pace of least jerk, and it goes along where they are off.
+
+    It keeps its length then: its middle and its direction are those of the line between the hands.
+    """
     s = times / DURATION
     pace = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     ends = [np.array([getattr(m, end) for m in scene.file.manipulators]) for end in ("start", "goal")]
-    a, b, radii = brute_force.body_of(scene, ends[0] + pace[:, None, None] * (ends[1] - ends[0]))
+    hands = ends[0] + pace[:, None, None] * (ends[1] - ends[0])
+    a, b, radii = brute_force.body_of(scene, hands)
+    lines, middles = np.diff(hands, axis=1), hands.mean(axis=1, keepdims=True)
+    turned = np.diff(hands + off, axis=1)
+    turned *= np.linalg.norm(lines, axis=2, keepdims=True) / np.linalg.norm(turned, axis=2, keepdims=True)
+    along = [
+        ((x - middles) * lines).sum(axis=2, keepdims=True) / (lines**2).sum(axis=2, keepdims=True)
+        for x in (a, b)
+    ]
+    a, b = (middles + off.mean(axis=1, keepdims=True) + share * turned for share in along)
     rods = []
     for k in np.flatnonzero(np.linalg.norm(b[0] - a[0], axis=1)):
         axis, radius = b[:, k] - a[:, k], radii[k]

@@ -5,14 +5,16 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tests.robots.verification.random_joints import judged, near_contact, robot_of
+from tests.robots.verification.random_joints import deviating, judged, near_contact, robot_of
 
 
-def outcomes(draws):
-    """Outcomes of draws, robot and number each, and the false certificates."""
+def outcomes(draws, strays=False):
+    """Outcomes of draws, robot and number each, and the false certificates; joints may deviate."""
     found, false = Counter(), []
     for name, seed in draws:
-        clearance, met, word = judged(name, near_contact(np.random.default_rng([seed, 127]), name))
+        rng = np.random.default_rng([seed, 131 if strays else 127])
+        draw = deviating(rng, name) if strays else (near_contact(rng, name),)
+        clearance, met, word = judged(name, *draw)
         found[word] += 1
         if word == "false certificate":
             false.append((name, seed, clearance, met))
@@ -33,3 +35,18 @@ def test_nor_by_other_robots():
     assert found["certified"] > 15
     assert found["contact"] > 15
     assert found["undecided"] < 6
+
+
+def test_nothing_comes_nearer_where_joints_deviate():
+    found, false = outcomes([("two_ur10", seed) for seed in range(12)], strays=True)
+    assert not false
+    assert found["certified"] > 3
+    assert found["contact"] > 1
+
+
+@pytest.mark.slow
+def test_nor_do_joints_of_other_robots_that_deviate():
+    found, false = outcomes([(robot_of(seed), seed) for seed in range(100, 160)], strays=True)
+    assert not false
+    assert found["certified"] > 15
+    assert found["contact"] > 10

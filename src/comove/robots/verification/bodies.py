@@ -12,7 +12,8 @@ kind     pairs                                                            keep
 The scene's clearance is `limits.clearance`, 5 mm unless given; the payload keeps it from obstacles as well. Links
 that no joint moves may touch obstacles at rest, as a base does that stands on a table: no motion changes it. Where
 the places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between
-bodies on different bases, are reduced by their effect.
+bodies on different bases, are reduced by their effect. Where joints may deviate from their commands, the pairs keep
+these clearances as commanded, and touch nowhere within the deviations (`comove.robots.verification.deviations`).
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ from comove.model.files.keys import ROBOT_CLEARANCE
 from comove.model.moving import rotations
 from comove.model.scene import Scene, of_geometry
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import Ranges
-from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
+from comove.robots.motion import JointCurve, Ranges
+from comove.robots.verification.carried import Carried, leverage, load_shapes, payload_shift, placements
+from comove.robots.verification.deviations import Balls, lever_arms, shifts_of_hands
 from comove.robots.verification.kinematics import Bases, common_joints, moved_by, supports_of
 from comove.robots.verification.slabs import CYLINDER, ELLIPSOID, OTHER, POINTS, Pairs, Solid, Solids
 
@@ -151,6 +153,7 @@ class Bodies:
     kind : array, shape (n_pairs,), SCENE, LOAD or SELF
     required : array, shape (3,), required clearance of each kind [m]
     taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
+    strayed : array, shape (n_pairs,), by which joints that deviate may lessen the distance besides [m]
     reach : array, shape (n_pairs, n_joints + 1 + n_moving), largest change of a distance per motion of each joint, of
         the payload, and of each moving obstacle [m/rad, m/m]
     exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
@@ -167,6 +170,7 @@ class Bodies:
     kind: Integers
     required: Array
     taken: Array
+    strayed: Array
     reach: Array
     exact: Integers
     rods: tuple[tuple[int, ...], ...]
@@ -183,13 +187,18 @@ class Bodies:
         """Return the columns of `reach` that belong to joints; array, shape (n_pairs, n_joints)."""
         return self.reach[:, : self.robot.model.nv]
 
+    @property
+    def deviating(self) -> Bodies:
+        """Return the bodies while joints deviate. Pairs are nearer, and may not touch."""
+        return replace(self, taken=self.taken + self.strayed, required=np.zeros(3))
+
     def some(self, which: NDArray[np.bool_]) -> Bodies:
         """Return the bodies with some of their pairs; array, shape (n_pairs,).
 
         Pairs go with their rough substitutes, or neither does.
         """
         number = np.cumsum(which) - 1
-        chosen = {name: getattr(self, name)[which] for name in ("ends", "kind", "taken", "reach")}
+        chosen = {name: getattr(self, name)[which] for name in ("ends", "kind", "taken", "strayed", "reach")}
         return replace(self, **chosen, exact=number[self.exact[which]])
 
     def placed_at(self, place: Array, time: float = 0.0) -> Bodies:
@@ -279,7 +288,14 @@ class Bodies:
 
 
 def bodies_of(
-    bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float, *, held: bool = True
+    bases: Bases,
+    arms: tuple[Arm, ...],
+    carried: Carried,
+    hands: Array,
+    miss: float,
+    *,
+    held: bool = True,
+    curve: JointCurve | None = None,
 ) -> Bodies:
     """Combine robot, obstacles and payload.
 
@@ -289,8 +305,9 @@ def bodies_of(
     hands : array, shape (n_steps, n_hands, 3), positions of the end effectors [m]
     miss : largest error of the end effectors from the payload's motion [m]
     held : whether the holders' end effectors hold the payload, and so have no distance from it
+    curve : joint positions by time [s], from which joints may deviate; any within the limits unless given
     """
-    robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
+    robot, scene = bases.robot, carried.motion.scene
     links, shapes = links_of(robot), load_shapes(carried)
     holders = tuple(arms[i] for i in scene.file.holder_numbers)
     known = _bodies_for_all_motions(scene, robot, holders if held else (), len(shapes))
@@ -307,9 +324,14 @@ def bodies_of(
     pulls = [bases.of_hand(arms[i], hands[:, i]) for i in scene.file.holder_numbers]
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
-        pull[rod] = max(amount for _, amount in pulls) * lever
+        pull[rod] = payload_shift(carried, max(amount for _, amount in pulls), bases.turn)
     taken = _taken(known.ends, pull, base)
-    taken[known.kind == LOAD] += miss * lever
+    taken[known.kind == LOAD] += miss * leverage(carried)
+    strayed, e = np.zeros(len(taken)), bases.deviations
+    if e is not None:
+        strayed = _strayed(robot, known, e, curve)
+        off, turn = shifts_of_hands(robot, holders, e, curve)
+        strayed[known.kind == LOAD] += payload_shift(carried, off.max(initial=0.0), turn.max(initial=0.0))
     keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
     return Bodies(
         robot=robot,
@@ -319,6 +341,7 @@ def bodies_of(
         kind=known.kind,
         required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
         taken=taken,
+        strayed=strayed,
         reach=known.reach,
         exact=known.exact,
         rods=rods,
@@ -400,6 +423,15 @@ def _taken(ends: Integers, pull: Array, base: Integers) -> Array:
     """
     first, second = ends.T
     return np.where(base[first] == base[second], 0.0, pull[first] + pull[second]) + COAL_ERROR
+
+
+def _strayed(robot: Robot, known: KnownBodies, deviations: Array, curve: JointCurve | None) -> Array:
+    """Bound how much nearer links that deviate are to others; (n_pairs,) [m]."""
+    links, moved, (first, second) = links_of(robot), moved_by(robot)[known.joint], known.ends.T
+    balls = Balls(links.joint, links.solids.center, links.solids.radius, links.reach)
+    levers = np.zeros((len(known.joint), robot.model.nv))
+    levers[: len(links.joint)] = lever_arms(robot, balls, curve)
+    return np.where(moved[first] != moved[second], levers[first] + levers[second], 0.0) @ deviations
 
 
 def _pairs(

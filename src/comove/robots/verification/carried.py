@@ -306,6 +306,38 @@ def leverage(carried: Carried) -> float:
     return float(1.0 + beyond * (1.0 + (2.0 / min(apart) if apart else 0.0)))
 
 
+def payload_shift(carried: Carried, off: float, turn: float) -> float:
+    """Bound the displacement of a payload's points by its end effectors [m].
+
+    Each of its grasps is displaced by at most `off`, whether end effectors that disagree slip or give way. Of two
+    grasps, a apart, the line between them turns by a chord of at most 2 off / a, and the payload about it by at most
+    `turn`, as far as any end effector. A point b away from the nearer of them and c from that line moves at most
+
+        off + b 2 off / a + c turn.
+
+    This holds for every two holders. About a single one the payload turns with it: off + b turn.
+
+    Parameters
+    ----------
+    off, turn : largest displacement [m] and rotation [rad] of an end effector that holds it
+    """
+    if off == 0.0 == turn:
+        return 0.0
+    scene = carried.motion.scene
+    nodes = scene.nodes_at("start")
+    hands, corners = nodes[list(scene.file.holder_numbers)], nodes[len(scene.manipulators) :]
+    if not len(hands) or not len(corners):
+        return off
+    away = np.linalg.norm(corners[:, None] - hands, axis=2)
+    bounds = [off + away[:, 0] * turn] if len(hands) == 1 else []
+    for i, j in combinations(range(len(hands)), 2):
+        line = hands[j] - hands[i]
+        apart = float(np.linalg.norm(line))
+        aside = np.linalg.norm(np.cross(corners - hands[i], line / apart), axis=1)
+        bounds.append(off + away[:, [i, j]].min(axis=1) * (2.0 * off / apart) + aside * turn)
+    return float(min(bound.max() for bound in bounds))
+
+
 class Errors(NamedTuple):
     """Errors of the end effectors relative to their places on the payload. Lengths are in m, angles in rad.
 

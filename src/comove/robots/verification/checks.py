@@ -26,8 +26,9 @@ from comove.robots.motion import (
     least_margin,
 )
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, bodies_of, distance_of, links_inside
-from comove.robots.verification.carried import Carried, Errors, LoadMotion
+from comove.robots.verification.carried import Carried, Errors, LoadMotion, payload_shift
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
+from comove.robots.verification.deviations import shifts_of_hands
 from comove.robots.verification.kinematics import Bases, moved_by, reaches_of
 from comove.verification.verify import VerifiedMotion
 
@@ -71,12 +72,12 @@ def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | Non
     """
     arms = tuple(robot.arm(name) for name in scene.manipulators)
     carried, bases = Carried.straight(scene), Bases(robot, robot.description.uncertainty)
+    ends = np.array([0.0, scene.duration])
+    home = JointMotion(ends, robot.joint_names, np.stack([robot.home] * 2))
     bodies = bodies_of(bases, arms, carried, scene.nodes_at("start")[None, : len(arms)], 0.0)
     columns = np.concatenate([arm.columns for arm in arms])
     moved = moved_by(robot)[bodies.joint[bodies.ends]][..., columns].any(axis=(1, 2))
     bodies = bodies.some((bodies.kind == SCENE) & ~moved & bodies.reach[:, robot.model.nv :].any(axis=1))
-    ends = np.array([0.0, scene.duration])
-    home = JointMotion(ends, robot.joint_names, np.stack([robot.home] * 2))
     required = float(bodies.required[SCENE])
     if certify(bodies, carried, home.curve, slack=1.0)[SCENE].upper >= required:
         return None
@@ -127,14 +128,19 @@ def rest(robot: Robot, curve: JointCurve) -> JointFinding:
 
 
 def limits(robot: Robot, curve: JointCurve) -> JointFinding:
-    """Check the limits of position, velocity, acceleration and jerk, soft ones included."""
-    margin = least_margin(curve, robot.lower, robot.upper)
+    """Check the limits of position, velocity, acceleration and jerk, soft ones included.
+
+    Positions keep theirs wherever joints deviate.
+    """
+    e = robot.description.uncertainty.deviations(robot.joint_names)
+    margin = least_margin(curve, robot.lower + e, robot.upper - e)
     units, reasons = _units(robot), []
     if not margin.value >= 0:
         j = margin.joint
+        strays = f", as it may deviate by {e[j]:g} {units[j]}" if e[j] > 0 else ""
         reasons.append(
-            f"{robot.joint_names[j]} is {-margin.value:.3g} {units[j]} beyond its limits of {robot.lower[j]:g} to "
-            f"{robot.upper[j]:g} {units[j]} at {margin.time:.2f} s"
+            f"{robot.joint_names[j]} {'may be' if strays else 'is'} {-margin.value:.3g} {units[j]} beyond its limits "
+            f"of {robot.lower[j]:g} to {robot.upper[j]:g} {units[j]} at {margin.time:.2f} s{strays}"
         )
     speed = largest_velocity(curve, robot.velocity)
     acceleration, jerk = largest_acceleration(curve, robot.acceleration), largest_jerk(curve, robot.jerk)
@@ -253,21 +259,59 @@ def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
     return finding
 
 
-def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
-    """Check that the payload keeps clear for any admissible base places."""
-    off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
+class Displacement(NamedTuple):
+    """Largest displacement of end effectors, and of payload and end effectors [m]."""
+
+    hand: float
+    load: float
+
+    @classmethod
+    def of(
+        cls, bases: Bases, arms: tuple[Arm, ...], hands: Array, carried: Carried, curve: JointCurve
+    ) -> Displacement:
+        """Bound the displacements by bases and joints.
+
+        Parameters
+        ----------
+        hands : array, shape (n_steps, n_hands, 3), positions of the end effectors [m]
+        curve : joint positions by time [s]
+        """
+        off = np.array([bases.of_hand(arm, hands[:, i])[1] for i, arm in enumerate(arms)])
+        turn, held = np.full(len(arms), bases.turn), list(carried.motion.scene.file.holder_numbers)
+        if (e := bases.deviations) is not None:
+            shift = shifts_of_hands(bases.robot, arms, e, curve)
+            off, turn = off + shift.off, turn + shift.turn
+        load = payload_shift(carried, off[held].max(initial=0.0), turn[held].max(initial=0.0))
+        return cls(float(off.max()), max(load, float(off.max())))
+
+
+def displacements(
+    bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion, curve: JointCurve
+) -> JointFinding:
+    """Check that the payload keeps clear wherever bases and joints may be."""
+    off, load = Displacement.of(bases, arms, errors.hands, Carried(motion.motion), curve)
     clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
-    if off > 0 and near is not None and not near - off >= -2 * TOLERANCE:
+    why, way_out = list[str](), list[str]()
+    if bases.turn > 0.0 or bases.uncertainty.position > 0.0:
+        why, way_out = ["where the bases stand"], ["measure the bases more exactly"]
+    if bases.deviations is not None:
+        why.append("how far joints may deviate")
+        way_out.append("state smaller deviations (uncertainty: joints)")
+    told = f"the payload may be off by {load:.3g} m because of {' and '.join(why)}"
+    if load > 0 and near is not None and not near - load >= -2 * TOLERANCE:
         reasons.append(
-            f"the payload comes within {max(near, 0.0):.3g} m of its support, and hands may be off by {off:.3g} m "
-            "because of where the bases stand; raise start and goal by that, or measure the bases more exactly"
+            f"the payload comes within {max(near, 0.0):.3g} m of its support, and {told}; raise start and goal by "
+            f"that, or {', or '.join(way_out)}"
         )
-    if off > 0 and not clearance - off >= 0:
+    if load > 0 and not clearance - load >= 0:
         reasons.append(
-            f"the load comes within {clearance:.3g} m of something, and hands may be off by {off:.3g} m because of "
-            "where the bases stand; ask for more clearance or measure the bases more exactly"
+            f"the load comes within {clearance:.3g} m of something, and {told}; ask for more clearance, or "
+            f"{', or '.join(way_out)}"
         )
-    return JointFinding({"hand_uncertainty": off}, {}, reasons)
+    measures = {"hand_uncertainty": off}
+    return JointFinding(
+        measures if bases.deviations is None else measures | {"load_uncertainty": load}, {}, reasons
+    )
 
 
 def clearances(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: float = 0.0) -> JointFinding:
@@ -293,6 +337,31 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: fl
                 f"it could not be certified that {of} always keep {required:g} m: the bound of "
                 f"{bodies.name(found.weakest)} at about {found.around:.2f} s is {found.lower:.3g} m; "
                 "keep them further apart"
+            )
+    return finding
+
+
+def deviating(bodies: Bodies, carried: LoadMotion, curve: JointCurve, slack: float = 0.0) -> JointFinding:
+    """Check that nothing touches while joints deviate; `slack` as in `certify`."""
+    finding = JointFinding({}, {}, [])
+    if not bodies.strayed.any():
+        return finding
+    strayed = bodies.deviating
+    bounds = certify(strayed, carried, curve, slack)
+    worst = min(bounds, key=lambda found: found.lower)
+    finding.measures["clearance_deviating"] = worst.lower
+    if worst.pair >= 0:
+        finding.where["clearance_deviating"] = strayed.name(worst.pair), worst.time
+    for found in bounds:
+        if found.lower >= 0.0:
+            continue
+        met = found.upper < 0.0
+        pair, time = (found.pair, found.time) if met else (found.weakest, found.around)
+        if pair >= 0:
+            finding.reasons.append(
+                f"{strayed.name(pair)} may meet at {time:.2f} s: joints that deviate may bring them "
+                f"{strayed.strayed[pair]:.3g} m nearer than they are commanded; ask for more clearance "
+                "(limits: {clearance: ..}), or state smaller deviations (uncertainty: joints)"
             )
     return finding
 

@@ -115,7 +115,7 @@ def _bases_by_name(robot: Robot) -> dict[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class Bases:
-    """The bases of a robot, with the tolerances of their places."""
+    """The bases of a robot, with their tolerances and the joints'."""
 
     robot: Robot
     uncertainty: Uncertainty
@@ -130,6 +130,18 @@ class Bases:
         """Return bases' numbers by link or joint name, empty for one base."""
         return _bases_by_name(self.robot)
 
+    @property
+    def deviations(self) -> Array | None:
+        """Return the joints' largest deviations [rad, m], None where none are stated."""
+        if self.uncertainty.joints is None:
+            return None
+        return self.uncertainty.deviations(self.robot.joint_names)
+
+    @property
+    def turn(self) -> float:
+        """Return the tolerance of the bases' orientation [rad]."""
+        return float(np.deg2rad(self.uncertainty.rotation_deg))
+
     def pulls(self, base: Integers, root: Array, length: Array | float) -> Array:
         """Bound the displacements of points due to a base's tolerance [m].
 
@@ -141,12 +153,11 @@ class Bases:
         base : array, shape (n,), numbers of bases
         root : array, shape (n, 3)
         """
-        turn = np.deg2rad(self.uncertainty.rotation_deg)
-        if turn == 0.0 == self.uncertainty.position:
+        if self.turn == 0.0 == self.uncertainty.position:
             return np.zeros(len(base))
         origin = np.array([model.base.position for model in self.robot.description.models])[base]
         return np.asarray(
-            self.uncertainty.position + turn * (np.linalg.norm(root - origin, axis=-1) + length)
+            self.uncertainty.position + self.turn * (np.linalg.norm(root - origin, axis=-1) + length)
         )
 
     def of_hand(self, arm: Arm, places: Array) -> tuple[int, float]:

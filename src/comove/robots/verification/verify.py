@@ -41,6 +41,8 @@ from comove.robots.verification.kinematics import Bases
 from comove.verification.verify import Check, Sealed, VerifiedMotion, verify
 
 _SEAL = object()
+DEVIATING = ("clearance_deviating", "load_uncertainty")
+"""Measures of joints that deviate, where a description states deviations."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,13 @@ class JointReport:
     clearance_scene : certified lower bound of the distance between links and obstacles [m]
     clearance_load : likewise between links and the payload
     clearance_self : likewise between links
-    hand_uncertainty : largest error of an end effector due to the tolerance of the bases' places [m]; the clearances
-        are reduced by the effect of that tolerance
+    clearance_deviating : certified lower bound of all these distances while joints deviate [m]; only where their
+        deviations are stated, as the next one
+    load_uncertainty : largest displacement of a point of the payload due to the tolerances of bases and joints [m]
+    hand_uncertainty : likewise of an end effector. The clearances are reduced by the effect of the bases' tolerance,
+        `joint_margin_min` by the joints' deviations
     load_mass : mass with which torques were computed [kg]
-    uncertainty : tolerance that was assumed of the bases' places
+    uncertainty : tolerances that were assumed of the bases' places and of the joints
     without_gripper : names of the arms whose description has no gripper, so that none was verified
     where : by measure, the name of the joint, end effector or pair that has it, and the time [s]
 
@@ -85,6 +90,8 @@ class JointReport:
     clearance_scene: float = math.nan
     clearance_load: float = math.nan
     clearance_self: float = math.nan
+    clearance_deviating: float = math.nan
+    load_uncertainty: float = math.nan
     hand_uncertainty: float = math.nan
     load_mass: float = math.nan
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
@@ -92,8 +99,9 @@ class JointReport:
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
-        """Return the measures by name."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
+        """Return the measures by name. Those of deviations need stated ones."""
+        measures = {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
+        return {name: x for name, x in measures.items() if name not in DEVIATING or not math.isnan(x)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,7 +220,9 @@ def verify_joints(
     carried, curve = Carried(motion.motion), joints.curve
     errors = cache(lambda: holding_errors(robot, arms, carried, curve))
     course = cache(
-        lambda: CarryCourse(bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR), carried, curve)
+        lambda: CarryCourse(
+            bodies_of(bases, arms, carried, errors().hands, own.HAND_ERROR, curve=curve), carried, curve
+        )
     )
     findings = list[own.JointFinding]()
     for check in (
@@ -221,8 +231,9 @@ def verify_joints(
         lambda: own.payload(scene, arms),
         lambda: own.torques(robot, curve, arms, carried_masses(scene)),
         lambda: own.hands(errors(), motion),
-        lambda: own.calibration(bases, arms, errors(), motion),
+        lambda: own.displacements(bases, arms, errors(), motion, curve),
         lambda: own.clearances(course().bodies, carried, curve, slack),
+        lambda: own.deviating(course().bodies, carried, curve, slack),
     ):
         findings.append(check())
         if slack > 0.0 and findings[-1].reasons:  # the next ones take longer, and one reason suffices
@@ -240,8 +251,9 @@ def tightened(known: VerifiedJointMotion) -> JointVerdict:
     The result is that of `verify_joints` without slack: nothing else depends on it.
     """
     course = known.course
-    finding = own.clearances(course.bodies, course.load, course.curve)
-    report, reasons = _with_findings(known.report, [finding]), tuple(finding.reasons)
+    findings = [check(course.bodies, course.load, course.curve) for check in (own.clearances, own.deviating)]
+    report = _with_findings(known.report, findings)
+    reasons = tuple(reason for finding in findings for reason in finding.reasons)
     made = known.robot, known.motion, known.joints, report, course
     return JointVerdict(None if reasons else VerifiedJointMotion(*made, seal=_SEAL), report, reasons)
 
