@@ -4,7 +4,7 @@
     python benchmarks/streams.py --ros jazzy --runs 0 --repeats 20
 
 Runs: two UR10 in MuJoCo (`comove simulate --ros 2`) wait with a bar until a gate has slid aside, and set it down
-behind; `comove run --ros 2` commands them at 250 Hz and gets the gate's place from a topic. Instants at which the gate
+behind; `comove run --ros 2` commands them at 250 Hz and gets its place from a topic. Instants at which the gate
 opens, and seeds, are drawn. Columns: seconds that the run took; stops that were not commanded; time between commands,
 median, 99.9 % and most; from the gate's measurement until a command is played that knows it, median and 99.9 %;
 contacts of the simulator; largest force inside the payload.

@@ -141,9 +141,17 @@ def test_options_that_apply_only_with_a_robot_are_listed_apart_and_refused_witho
     options = options_with_a_robot(verb)
     assert set(options) == {
         "solve": {"--present", "--transfers", "--approach", "--release"},
-        "run": {"--grasp", "--perturbed", "--pictures"},
+        "run": {"--grasp", "--perturbed", "--pictures", "--ros", "--plan", "--commands", "--joint-states", "--obstacles",
+                "--frame", "--noise"},
     }[verb]  # fmt: skip
-    values = {"--present": "joints.yaml", "--grasp": "weld", "--perturbed": "1"}
+    values = {
+        "--present": "joints.yaml",
+        "--grasp": "weld",
+        "--perturbed": "1",
+        "--ros": "2",
+        "--noise": "0.1",
+    }
+    values |= {name: "/name" for name in ("--plan", "--commands", "--joint-states", "--obstacles", "--frame")}
     for option in options:
         given = [option, values[option]] if option in values else [option]
         for scene, *more in ((scenes[1],), (scenes[0], "--hands-alone")):

@@ -24,7 +24,6 @@ def write_known_run(folder, period=0.02):
     record = OnlineRecord(
         scene,
         robot,
-        period,
         list(time),
         list(commanded),
         list(commanded),

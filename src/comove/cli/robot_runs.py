@@ -1,4 +1,4 @@
-"""Online runs of robots by `comove run`, in MuJoCo and in ROS 2."""
+"""Online runs of robots, in MuJoCo and in ROS 2."""
 
 from __future__ import annotations
 

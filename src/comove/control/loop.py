@@ -76,7 +76,12 @@ class ExecutionLog:
     first_plan: float | None = None
 
     def note_plan(self, time: float, *, aside: bool = False) -> None:
-        """Note an attempt to plan, within a control step or beside them, and its computing time [s]."""
+        """Note an attempt to plan and its computing time [s].
+
+        Parameters
+        ----------
+        aside : whether it was computed beside the control steps
+        """
         self.planning.append(time)
         self.plans, self.planned = self.plans + 1, self.planned + (0.0 if aside else time)
 

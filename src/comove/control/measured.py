@@ -122,7 +122,13 @@ class Observed(Observer):
         self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))
 
     def is_news(self, obstacle: int, time: float) -> bool:
-        """Return whether a measurement at an instant [s] comes after the last one of an obstacle, by number."""
+        """Return whether a measurement is newer than an obstacle's last one.
+
+        Parameters
+        ----------
+        obstacle : its number
+        time : instant of the measurement [s]
+        """
         return time > self._when[obstacle]
 
     def _take_in(self, which: Integers, centers: Array, time: float) -> None:

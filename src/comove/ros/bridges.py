@@ -128,7 +128,7 @@ class BridgeProcess:
         return lines[-1] if lines else "without a word"
 
     def end_input(self) -> None:
-        """End the input of the process, which then ends what moves, and itself."""
+        """End the input of the process, which then ends itself."""
         self._commands.put(None)
 
     def close(self) -> None:

@@ -47,7 +47,7 @@ class CommandPlayer:
 
     @property
     def is_resting(self) -> bool:
-        """Return whether the last two commands were the same, and no other one waits."""
+        """Return whether it rests, and no command waits."""
         before, last = self.played[1], self.played[2]
         return not (self.waiting or self.way) and all(
             abs(b - a) <= STILL for a, b in zip(before, last, strict=True)
@@ -59,7 +59,7 @@ class CommandPlayer:
         return bool(self.why) and not self.way
 
     def put(self, run: int, number: int, position: Joints) -> None:
-        """Take the next command of a sequence. Commands of a sequence that was braked are ignored."""
+        """Take the next command of a sequence. Those of a braked sequence are ignored."""
         if run == self.run + 1 and self.has_braked:
             self.run, self.why = run, ""
         if run != self.run or self.why:
@@ -79,7 +79,7 @@ class CommandPlayer:
             self.way.extend(self.way_to_rest(list(self.played)))
 
     def tick(self) -> tuple[Joints, int]:
-        """Return the joints to command now, and the number of the command, -1 if it is none of those put in."""
+        """Return the joints to command now, and the command's number. It is -1 if it is none of those put in."""
         number, position = -1, self.position
         if not (self.why or self.waiting or self.is_resting):
             self.brake("the next command is late")
@@ -91,7 +91,7 @@ class CommandPlayer:
         return position, number
 
     def way_to_rest(self, last: list[Joints]) -> list[Joints]:
-        """Return the joints of the periods after three ones until they rest, along their parabola."""
+        """Return the way to rest after three commands, along their parabola."""
         a, b, c = last
         rates = [(z - y) for y, z in zip(b, c, strict=True)]
         bends = [(z - y) - (y - x) for x, y, z in zip(a, b, c, strict=True)]
@@ -106,7 +106,7 @@ class CommandPlayer:
         return way if periods > 0.0 else []
 
     def horizon(self) -> list[Joints]:
-        """Return the joints of the next periods, then of the way to rest after them."""
+        """Return the next commands, and the way to rest after them."""
         if self.why:
             return list(self.way) or [self.position]
         coming = [position for _, position in self.waiting]

@@ -46,7 +46,7 @@ class _Sent:
 
 
 def moving_names(scene: Scene) -> dict[int, str]:
-    """Return the names of the obstacles that move, by their numbers in the scene."""
+    """Return the names of obstacles that move, by number."""
     obstacles = scene.file.obstacles
     return {int(j): obstacles[j].name or f"obstacles[{j}]" for j in np.flatnonzero(scene.moving)}
 
@@ -150,7 +150,7 @@ class _Run:
 
     @property
     def due(self) -> float:
-        """Return the instant at which the next command must be sent, by the monotonic clock [s]."""
+        """Return when the next command is due, by the monotonic clock [s]."""
         return self.zero + self.executor.time - self.stream.lead * self.period
 
     def begin(self, zero: float | None) -> None:
@@ -227,7 +227,7 @@ class _Run:
         return joints <= how.joints_silence and obstacles <= how.obstacles_silence
 
     def _goes_on(self, stop: Braked) -> bool:
-        """Go on from where the arms came to rest, when all is in time again; return whether it does."""
+        """Go on from where the arms came to rest; return whether. All must be in time again."""
         self.stops.append(stop.why)
         self.tell(f"{self.executor.time:.2f} s: the arms braked: {stop.why}")
         until, since = time.monotonic() + PATIENCE, time.monotonic()
@@ -252,6 +252,12 @@ class _Run:
         sent, first = self.sent, np.flatnonzero(played.number >= 0)
         begin = int(first[0]) if len(first) else len(played.number)
         time_of, number, commanded, measured = (rows[begin:] for rows in played)
+        if not len(number):
+            raise SendError(
+                f"nothing was commanded: {self.given_up or 'the run was interrupted'}",
+                key="ros",
+                way_out="run it again",
+            )
         held, latest = number >= 0, np.maximum.accumulate(number) if len(number) else number
         nodes = np.array([sent.nodes[n] for n in latest]).reshape(len(number), -1, 3)
         for k in np.flatnonzero(~held):

@@ -14,17 +14,17 @@ TASKS = "/proc/self/task"  # a folder for each thread of this process, those of 
 
 
 def prioritise(threads: Iterable[int], value: int) -> None:
-    """Let threads, by their native numbers, come before ordinary programs, where that is allowed.
+    """Let threads, by native numbers, come before ordinary programs.
 
-    It is where the user may set priorities, as ros2_control requires as well, which has 50. What they start does not
-    inherit it.
+    That is allowed where the user may set priorities, as ros2_control requires as well (it has 50). What they start
+    does not inherit it.
     """
     for thread in threads:
         _set(thread, "SCHED_FIFO", value)
 
 
 def prioritise_all(value: int) -> None:
-    """Let all threads of this process come before ordinary programs, and those of Python take short turns."""
+    """Let this process come before ordinary programs. Its threads take short turns."""
     sys.setswitchinterval(SWITCH)
     if os.path.isdir(TASKS):
         prioritise((int(name) for name in os.listdir(TASKS)), value)
@@ -32,7 +32,7 @@ def prioritise_all(value: int) -> None:
 
 @contextmanager
 def priority(value: int, threads: Sequence[Thread] = ()) -> Iterator[None]:
-    """Let this thread and others come before ordinary programs, where that is allowed, within the context."""
+    """Let this thread and others come before ordinary programs, as a context."""
     numbers, interval = (
         [get_native_id(), *(thread.native_id or 0 for thread in threads)],
         sys.getswitchinterval(),

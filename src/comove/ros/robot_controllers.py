@@ -396,7 +396,7 @@ class RobotControllers:
         return ""
 
     def _expected(self, topic: str, now: int) -> int:
-        """Return the time until the next command of a topic [ns], by those before."""
+        """Return the time until a topic's next command [ns]."""
         before, period = self._streamed_at.get(topic, (now - SLOWEST, SLOWEST))
         taken = min(now - before, SLOWEST)
         period += round(STEADY * (taken - period)) if period < SLOWEST else taken - period

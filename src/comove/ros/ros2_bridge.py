@@ -207,7 +207,7 @@ class Ros2Bridge(Ros2Node):
         self.stopping, self.beaten = False, time.monotonic()
 
     def open(self, sim_time=False):
-        """Join the graph of ROS, and look at the servers from time to time."""
+        """Join the graph of ROS, and watch the servers."""
         from rclpy.clock import Clock, ClockType
 
         super().open(sim_time)
@@ -219,8 +219,11 @@ class Ros2Bridge(Ros2Node):
         until = time.monotonic() + timeout
         self.open(sim_time)
         self.listen(joint_states, joints)
-        self.servers = {name: FollowedServer(self, name) for name in servers}
-        self.grippers = {arm: GripperClient(self, arm, **gripper) for arm, gripper in grippers.items()}
+        # A client that is made on another thread may be looked at before it is whole.
+        self.servers = self.on_thread(lambda: {name: FollowedServer(self, name) for name in servers})
+        self.grippers = self.on_thread(
+            lambda: {arm: GripperClient(self, arm, **gripper) for arm, gripper in grippers.items()}
+        )
         for server in [*self.servers.values(), *self.grippers.values()]:
             while not server.is_there:
                 self.wait(until, "server", server.name)
@@ -248,7 +251,7 @@ class Ros2Bridge(Ros2Node):
         self.listen(joint_states, None)
         time.sleep(timeout)
         found = sorted(name for name, kinds in get_action_names_and_types(self.node) if FOLLOW in kinds)
-        self.servers = {name: FollowedServer(self, name) for name in found}
+        self.servers = self.on_thread(lambda: {name: FollowedServer(self, name) for name in found})
         begun = time.monotonic()
         while not all(s.is_there for s in self.servers.values()) and time.monotonic() - begun < timeout:
             time.sleep(0.002)

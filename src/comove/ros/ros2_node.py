@@ -98,7 +98,7 @@ class Ros2Node:
         self.hear(position, nanoseconds(message.header.stamp) or now, now)
 
     def hear(self, position, stamp, now):
-        """Take in positions of joints, by name, with their stamp and the present time [ns]."""
+        """Take in joints. `position` is by name [rad], `stamp` and `now` are times [ns]."""
         raise NotImplementedError
 
     def compare(self, position, sender):

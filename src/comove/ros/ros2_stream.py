@@ -1,5 +1,6 @@
-"""Bridge that streams joint commands to ROS 2, and listens to joints and obstacles. It speaks as `comove.ros.streams`
-says.
+"""Bridge that streams joint commands to ROS 2.
+
+It listens to joints and obstacles, and speaks as `comove.ros.streams` says.
 
 A thread of its own plays the commands, one a period. It brakes all arms where the next one is late, where the joints
 have been silent, and where its input ends.
@@ -23,7 +24,7 @@ LEAVING = 5.0  # s, in which arms come to rest when the input has ended
 
 
 class Stream:
-    """Commands of some joints on a topic, as positions or as short trajectories.
+    """Commands of some joints on a topic.
 
     Parameters
     ----------
@@ -66,16 +67,35 @@ class Stream:
         return message
 
 
+class MeasuredJoints:
+    """Joints as measured last, in the order of commands, and when."""
+
+    def __init__(self, order):
+        self.order, self.at, self.position = order, 0.0, {}
+
+    def take(self, position):
+        """Note positions by name."""
+        self.at = time.monotonic()
+        self.position.update(position)
+
+    def missing(self):
+        """Return the names of joints that were never measured."""
+        return sorted(set(self.order) - set(self.position))
+
+    def row(self):
+        """Return all positions."""
+        return [self.position[name] for name in self.order]
+
+
 class Ros2Stream(Ros2Node):
     """Node that plays commands."""
 
     def __init__(self, tell):
         super().__init__(tell)
-        self.streams, self.player, self.order = [], None, []
-        self.newest, self.heard = {}, 0.0
+        self.streams, self.player, self.measured = [], None, MeasuredJoints([])
         self.lock, self.over = threading.Lock(), threading.Event()
         self.period = self.silence = 0.0
-        self.playing = self.log = None
+        self.playing = None
 
     def connect(self, topics, joint_states, joints, period, silence, obstacles, timeout):
         """Find who listens to each topic, and listen to joints and obstacles.
@@ -90,7 +110,7 @@ class Ros2Stream(Ros2Node):
         require_names([*topics, joint_states, *([] if obstacles is None else [obstacles])])
         begun = time.monotonic()
         until = begun + timeout
-        self.period, self.silence, self.order = period, silence, joints
+        self.period, self.silence, self.measured = period, silence, MeasuredJoints(joints)
         self.open()
         self.listen(joint_states, joints)
         for topic, moved in topics.items():
@@ -107,8 +127,8 @@ class Ros2Stream(Ros2Node):
             if kind not in CENTERS:
                 raise Refused("obstacle_kind", obstacles, [kind])
             self.watch(obstacles, kind)
-        while set(self.newest) < set(joints):
-            wait(until, "joints", sorted(set(joints) - set(self.newest))[0], sorted(self.newest))
+        while missing := self.measured.missing():
+            wait(until, "joints", missing[0], sorted(self.measured.position))
         while time.monotonic() - begun < LOOK:  # others are found as late
             time.sleep(0.01)
         for topic, nodes in self.others():
@@ -117,7 +137,7 @@ class Ros2Stream(Ros2Node):
         self.tell("connected", kinds=sorted({stream.kind for stream in self.streams}))
 
     def found(self, topic, ends, reason, until):
-        """Return the type of a topic, when somebody else is at its other end."""
+        """Return the type of a topic, when it has another end."""
         while not (infos := ends(topic)):
             kinds = self.node.get_topic_names_and_types()
             wait(
@@ -159,17 +179,14 @@ class Ros2Stream(Ros2Node):
 
     def hear(self, position, stamp, now):
         """Note the joints, and tell them."""
-        self.heard = time.monotonic()
         with self.lock:
-            self.newest.update(position)
-        self.tell(
-            "joints", time=self.heard - (now - stamp) * 1e-9, age=(now - stamp) * 1e-9, position=position
-        )
+            self.measured.take(position)
+        age = (now - stamp) * 1e-9
+        self.tell("joints", time=self.measured.at - age, age=age, position=position)
 
     def begin(self, position, velocity, acceleration):
-        """Begin to play at joints where the robot rests, within limits of the joints."""
+        """Begin to play at joints where the robot rests."""
         self.player = CommandPlayer(position, self.period, velocity, acceleration)
-        self.log = PlayedLog(self.tell, max(1, round(TOLD / self.period)))
         self.playing = threading.Thread(target=self.play, daemon=True)
         self.playing.start()
         prioritise_all(PLAYING)
@@ -187,26 +204,29 @@ class Ros2Stream(Ros2Node):
 
     def play(self):
         """Play commands until the end."""
+        log = PlayedLog(self.tell, max(1, round(TOLD / self.period)))
         player, due, k = self.player, time.monotonic(), 0
         told, every = player.run - 1, [stream.every for stream in self.streams]
         while not self.over.is_set():
             due += self.period
             time.sleep(max(0.0, due - time.monotonic()))
-            if time.monotonic() - self.heard > self.silence:
+            if time.monotonic() - self.measured.at > self.silence:
                 self.brake("the joints are silent")
             with self.lock:
                 position, number = player.tick()
                 horizon = player.horizon() if max(every) > 1 and k % max(every) == 0 else None
-                measured = [self.newest[name] for name in self.order]
+                measured = self.measured.row()
             for stream in self.streams:
                 if stream.every == 1 or k % stream.every == 0:
                     stream.publish(position, lambda horizon=horizon: horizon)
-            self.log.add(time.monotonic(), number, player.run, position, measured)
+            log.add(time.monotonic(), number, player.run, position, measured)
             if player.has_braked and told != player.run:
                 told = player.run
-                self.log.tell_all()
+                log.tell_all()
                 self.tell("braked", run=player.run, why=player.why, position=player.position)
             k += 1
+        log.tell_all()
+        self.tell("played_all")
 
     def close(self):
         """Play what has come, brake, and leave the graph of ROS."""
@@ -219,8 +239,6 @@ class Ros2Stream(Ros2Node):
             time.sleep(2.0 * max(HORIZON, self.period))  # the last command is played
             self.over.set()
             self.playing.join(1.0)
-            self.log.tell_all()
-            self.tell("played_all")
         self.leave()
 
 
@@ -269,7 +287,7 @@ def centers_of_poses(message):
 
 
 def centers_of_markers(message):
-    """Return the newest stamp [ns], the frame, and centres by namespace, or by number without one."""
+    """Return the newest stamp [ns], frame, and centres. Names are namespaces, or numbers without one."""
     there = [marker for marker in message.markers if marker.action == marker.ADD]
     stamp = max((nanoseconds(marker.header.stamp) for marker in there), default=0)
     frames = sorted({marker.header.frame_id for marker in there})
@@ -277,7 +295,7 @@ def centers_of_markers(message):
 
 
 def centers_of_objects(objects):
-    """Return the newest stamp [ns], the frame, and centres of collision objects by name."""
+    """Return the newest stamp [ns], frame, and centres of collision objects."""
     there = [item for item in objects if item.operation != item.REMOVE]
     stamp = max((nanoseconds(item.header.stamp) for item in there), default=0)
     frames = sorted({item.header.frame_id for item in there})

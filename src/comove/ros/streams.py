@@ -1,4 +1,6 @@
-"""Streams of joint commands to a robot in ROS 2, with its joints and the obstacles around it.
+"""Streams of joint commands to a robot in ROS 2.
+
+Its joints and the obstacles around it come back.
 
 `ros2_stream.py` runs under ROS's own Python, plays the commands and brakes where they are late. Commands to it:
 
@@ -213,7 +215,7 @@ class CommandStream:
 
     @property
     def joints_age(self) -> float:
-        """Return the time since the joints were measured last, by their stamps [s]; negative from the future."""
+        """Return the time since the joints were measured [s]. It is negative for stamps from the future."""
         return time.monotonic() - self._heard
 
     @property
@@ -222,7 +224,7 @@ class CommandStream:
         return time.monotonic() - self._seen_at if self._obstacles else 0.0
 
     def require_clock(self) -> None:
-        """Wait until a report of the joints is as new as the clocks allow.
+        """Wait until the joints are as new as clocks allow.
 
         Raises
         ------

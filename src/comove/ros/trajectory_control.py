@@ -332,7 +332,7 @@ class TrajectoryController:
         return replaced
 
     def follow(self, goal: TrajectoryGoal, now: int, present: ControlState) -> None:
-        """Follow a trajectory from now on [ns], as one that comes on a topic: its end is not told."""
+        """Follow a trajectory from now on [ns]. Its end is not told, as of one from a topic."""
         self._trajectory = GoalTrajectory(goal, self.joints, now, present)
 
     def cancel(self, number: str, present: ControlState) -> list[GoalEnd]:
@@ -347,7 +347,7 @@ class TrajectoryController:
         self._trajectory, self._held = None, ControlState(np.array(position, dtype=float)).or_still()
 
     def glide(self, position: Array, over: int, now: int) -> None:
-        """Go evenly from the present command to positions, from now on and within a time [ns]."""
+        """Go evenly from the present command to positions within a time [ns]."""
         goal = TrajectoryGoal("", self.joints, 0, (Waypoint(over, position.tolist()),), {}, {}, 0.0)
         self.follow(goal, now, self.desired)
 

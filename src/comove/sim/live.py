@@ -90,7 +90,7 @@ def _run(
     every: int,
 ) -> OnlineRecord:
     mj, interruption, given_up = engine(), Interruption(), ""
-    record = OnlineRecord(executor.scene, executor.robot, executor.settings.period)
+    record = OnlineRecord(executor.scene, executor.robot)
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     with interruption.noticed():
         while executor.time < budget - 1e-9 and not interruption.wished:

@@ -75,7 +75,6 @@ class OnlineRecord:
     braked : whether the arms braked by themselves, as a command was late; none did unless given
     obstacles : true positions of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]; their orientations are
         those of the scene
-    period : control period [s]
     contacts : unwanted contacts
     arrived, unstable, interrupted : how it ended
     given_up : reason why the executor gave up; empty if it did not
@@ -85,7 +84,6 @@ class OnlineRecord:
 
     scene: Scene
     robot: Robot
-    period: float
     time: list[float] = field(default_factory=list)
     commanded: list[Array] = field(default_factory=list)
     measured: list[Array] = field(default_factory=list)
@@ -99,6 +97,11 @@ class OnlineRecord:
     unstable: bool = False
     interrupted: bool = False
     given_up: str = ""
+
+    @property
+    def period(self) -> float:
+        """Return the control period [s]."""
+        return float(self.time[0])
 
     @property
     def held(self) -> NDArray[np.bool_]:
@@ -199,7 +202,7 @@ def judge_run(
 
 
 def _reasons(record: OnlineRecord, m: dict[str, float], hands: Array, limits: RunTolerances) -> list[str]:
-    """Return the reasons against a run with these measures and commanded end effectors."""
+    """Return the reasons against a run. `hands` are commanded poses, shape (n_steps, n_hands, 4, 4)."""
     reasons = [
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts

@@ -165,7 +165,6 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
     record = OnlineRecord(
         scene,
         robot,
-        float(time[0]),
         list(time),
         list(arrays["commanded"]),
         list(arrays["measured"]),
@@ -204,7 +203,6 @@ def streamed(run: StreamedRun) -> OnlineRecord:
     return OnlineRecord(
         scene,
         robot,
-        run.period,
         list(run.period * np.arange(1, n_steps + 1)),
         list(run.commanded),
         list(run.measured),
@@ -231,7 +229,6 @@ def followed(record: JointRecord) -> OnlineRecord:
     return OnlineRecord(
         record.scene,
         record.robot,
-        float(record.time[1]),
         list(record.time[1:]),
         list(joints),
         list(joints),

@@ -1,6 +1,6 @@
-"""Search for trajectories in a process of its own, beside control steps that must be in time.
+"""Search for trajectories in a process of its own.
 
-A thread would share Python's lock with them.
+Control steps go on beside it: a thread would share Python's lock with them, and they must be in time.
 """
 
 from __future__ import annotations

@@ -335,7 +335,7 @@ class JointExecutor(ControlLoop):
         self.tell("it goes on from where it stands")
 
     def payload_at(self, joints: Array) -> HandPoses:
-        """Return the payload's poses nearest to the end effectors at all joints, (n_joints,) [rad]."""
+        """Return the payload's poses nearest to the end effectors. `joints` has shape (n_joints,) [rad]."""
         return self._nearest(self._tools(joints))
 
     def _tools(self, joints: Array) -> Array:

@@ -290,7 +290,7 @@ class Pilot(Replanner):
         return Choice(other if better else None, self._is_clear(ahead), perf_counter() - begun)
 
     def _adopt(self, sought: Sought, choice: Choice) -> bool:
-        """Follow what was found, and return true, unless the run has left its beginning meanwhile."""
+        """Follow what was found, unless the run has left its beginning; return whether."""
         gone = self.clock - sought.clock
         if choice.reference is None or self.reference is not sought.reference or gone > sought.thinks:
             return False

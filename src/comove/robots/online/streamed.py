@@ -38,7 +38,7 @@ class StreamTiming:
 
 @dataclass(eq=False)
 class StreamedRun:
-    """A run of a robot by streamed commands, a row a control period.
+    """Record of a run by streamed commands, a row a period.
 
     Attributes
     ----------
