@@ -141,8 +141,10 @@ def test_options_that_apply_only_with_a_robot_are_listed_apart_and_refused_witho
     options = options_with_a_robot(verb)
     assert set(options) == {
         "solve": {"--present", "--transfers", "--approach", "--release"},
-        "run": {"--grasp", "--perturbed", "--pictures", "--ros", "--plan", "--commands", "--joint-states", "--obstacles",
-                "--frame", "--noise"},
+        "run": {
+            *("--grasp", "--perturbed", "--pictures", "--ros", "--plan", "--commands", "--joint-states"),
+            *("--obstacles", "--frame", "--noise"),
+        },
     }[verb]  # fmt: skip
     values = {
         "--present": "joints.yaml",
