@@ -87,10 +87,11 @@ def generate(work, name):
 def as_few(work):
     """Return all sources below a folder, those in C++ as one a package: their headers take most of the time."""
     found = sorted(work.rglob("*.c"))
-    for name in PACKAGES:
-        parts = sorted((work / "rosidl_typesupport_fastrtps_c" / name).rglob("*.cpp"))
-        found.append(work / f"{name}.cpp")
-        found[-1].write_text("".join(f'#include "{part}"\n' for part in parts))
+    for folder in ("rosidl_typesupport_c", "rosidl_typesupport_fastrtps_c"):
+        for name in PACKAGES:
+            parts = sorted((work / folder / name).rglob("*.cpp"))
+            found.append(work / f"{folder}-{name}.cpp")
+            found[-1].write_text("".join(f'#include "{part}"\n' for part in parts))
     return found
 
 

@@ -526,7 +526,9 @@ class RobotCarrier(LimitedKinematics):
         if self.end is None or miss is not None:
             return joints, miss
         led, share = joints.position[:, self.ends.columns], joints.time[:, None] / joints.duration
-        rise = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # redundant joints end elsewhere, if left free
+        rise = share**3 * (
+            10.0 - 15.0 * share + 6.0 * share**2
+        )  # redundant joints end elsewhere, if left free
         return track_near(self.robot, self.holders, self.arms, motion, led + rise * (self._ending - led[-1]))
 
     def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:

@@ -195,6 +195,11 @@ class PlacedPayload:
         """
         return _holders(self.robot, self.payload) if self.is_held else ()
 
+    @property
+    def payload_start(self) -> Array:
+        """Return the pose of the payload's frame in comove's scene, which is that of a single shape; (4, 4)."""
+        return np.asarray(self.start @ _payload_shape(self.payload.object, "payload")[0])
+
     def pose_of(self, body: str) -> Array | None:
         """Return the pose of the payload, or of a link that moves with it; None for others."""
         if body == self.payload.object.name:

@@ -196,7 +196,11 @@ def _carried(
     `tried` is a carrier whose ends are solved and clear, in another duration; None if there is none.
     """
     if scene.file.choices is not None or len(scene.alternatives) > 1:
-        return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None, "end": None}))
+        return (
+            yield from _by_some_grasp(
+                scene, robot, budget, wanted, method, carriers | {"begin": None, "end": None}
+            )
+        )
     (scene,) = scene.alternatives
     begun = now()
     wanted["objective"] = wanted.get("objective") or objective_of_scene(scene.file.objective)

@@ -188,8 +188,16 @@ def write(path: Path, messages: Sequence[Encoded]) -> None:
                 for kind in dict.fromkeys(kind for kind, _ in messages)
             }
             for stamp, (kind, data) in enumerate(messages, start=1):
-                writer.write(topics[kind], stamp, data)
+                writer.write(topics[kind], stamp, _exact(types, kind, data))
         (bag / "bag.mcap").replace(path)
+
+
+def _exact(types: Any, kind: str, data: bytes) -> bytes:
+    """Return a message as it is encoded, without what follows: rmw_fastrtps adds bytes to a message in memory."""
+    definition = types.get_msgdef(kind)
+    decode = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
+    _, size = decode(data[4:], 0, definition.cls, types)
+    return data[: size + 4]
 
 
 def encoded(scene: PlanningScene) -> Encoded:
@@ -230,9 +238,7 @@ def _message(types: Any, one: CollisionObject) -> Any:
     for shape in one.shapes:
         if shape.mesh is not None:
             vertices, faces = shape.mesh
-            points = [
-                _made(types, "geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in vertices.tolist()
-            ]
+            points = [_made(types, "geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in vertices.tolist()]
             corners = faces.astype(np.uint32)
             triangles = [_made(types, "shape_msgs/msg/MeshTriangle", vertex_indices=row) for row in corners]
             mesh = _made(types, "shape_msgs/msg/Mesh", vertices=points, triangles=triangles)
