@@ -49,7 +49,8 @@ class MoveItNode(Ros2Node):
     def __init__(self, tell):
         super().__init__(tell)
         self.goals, self.waiting = {}, {}
-        self.server = self.client = self.watched = None
+        self.server = self.client = self.subscription = None
+        self.watched = ""
 
     def watch(self, topic, service):
         """Listen to planning scenes, and ask for the present one as soon as somebody answers."""
@@ -62,27 +63,37 @@ class MoveItNode(Ros2Node):
         self.client = self.node.create_client(
             GetPlanningScene, service, callback_group=ReentrantCallbackGroup()
         )
+        self.listen_to(kept=False)
         threading.Thread(target=self.find, daemon=True).start()
         self.tell("watching")
 
-    def find(self):
-        """Listen as those who publish do: what was said before is lost unless they keep it."""
+    def listen_to(self, kept):
+        """Listen to planning scenes; to those of before as well, if whoever publishes has `kept` them."""
         from moveit_msgs.msg import PlanningScene
         from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE
+        quality = QoSProfile(depth=100, durability=durability)
+        self.subscription = self.node.create_subscription(
+            PlanningScene, self.watched, self.on_scene, quality
+        )
+        self.executor.wake()
+
+    def find(self):
+        """Ask for the planning scene as soon as there is somebody, and listen as those who publish do."""
+        from rclpy.qos import DurabilityPolicy
 
         with suppress(Exception):  # the node has left
             while not (infos := self.node.get_publishers_info_by_topic(self.watched)):
                 if self.client.service_is_ready():
                     break
                 time.sleep(FIND)
-            kept = bool(infos) and all(
+            if infos and all(
                 info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos
-            )
-            durability = DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE
-            self.node.create_subscription(
-                PlanningScene, self.watched, self.on_scene, QoSProfile(depth=100, durability=durability)
-            )
-            self.executor.wake()
+            ):
+                former = self.subscription
+                self.listen_to(kept=True)
+                self.node.destroy_subscription(former)
             self.ask()
 
     def topics(self):
