@@ -256,7 +256,7 @@ def _goal(goal: Fields, placed: PlacedPayload) -> PayloadGoal:
             raise Refusal(
                 ErrorCode.INVALID_GOAL_CONSTRAINTS,
                 f"the goals of {first} and {other} hold the payload at two poses, {1e3 * apart:.3g} mm and "
-                f"{math.degrees(turned):.3g} deg apart; give the pose of one hand, and the other one follows",
+                f"{round(math.degrees(turned), 3):g} deg apart; give the pose of one hand, and the other one follows",
             )
     at = displacements[first] @ placed.start
     return PayloadGoal(
