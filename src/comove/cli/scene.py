@@ -117,8 +117,11 @@ def import_(
         typer.Option(metavar="NAME", help="Group state whose joints replace those of the planning scene."),
     ] = None,
 ) -> int:
-    """Make a scene for a robot from a planning scene of MoveIt, a file or --ros 2. It has no goal, so give one:
-    --shift, or --goal-position and --goal-rpy-deg."""
+    """Make a scene for a robot from a planning scene of MoveIt.
+
+    It is read from FILE, or recorded by --ros 2. It has no goal, so give one: --shift, or --goal-position and
+    --goal-rpy-deg.
+    """
     import os
 
     import yaml

@@ -197,11 +197,11 @@ class PlacedPayload:
 
     @property
     def payload_start(self) -> Array:
-        """Return the pose of the payload's frame in comove's scene, which is that of a single shape; (4, 4)."""
+        """Return the pose of the payload's frame in comove's scene."""
         return np.asarray(self.start @ _payload_shape(self.payload.object, "payload")[0])
 
     def pose_of(self, body: str) -> Array | None:
-        """Return the pose of the payload, or of a link that moves with it; None for others."""
+        """Return the pose of a body that moves with it, or None."""
         if body == self.payload.object.name:
             return self.start
         if any(body in _hand_links(self.robot, arm) for arm in self.holders):
@@ -209,7 +209,7 @@ class PlacedPayload:
         return None
 
     def pose_of_frame(self, frame: str) -> Array | None:
-        """Return the pose of a frame at rest in comove's scene; None for one that is unknown, or moves."""
+        """Return the pose of a frame at rest in the scene, or None."""
         if frame in ("", self.scene.frame):
             return self.base
         if frame in self.scene.transforms:

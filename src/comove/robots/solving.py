@@ -33,7 +33,7 @@ from comove.planning.pace import (
 from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
-from comove.robots.carrying import RobotCarrier
+from comove.robots.carrying import GivenJoints, RobotCarrier
 from comove.robots.choosing import SETTINGS as RANKING
 from comove.robots.choosing import Reach
 from comove.robots.ends import MissedPose
@@ -158,8 +158,10 @@ def solved_by_robot(
         )
     require_no_transfers(scene, {"approach": approach, "release": release})
     carriers: dict[str, Any] = {
-        "begin": None if begin is None else present_joints(begin, robot, "begin"),
-        "end": None if end is None else present_joints(end, robot, "end"),
+        "given": GivenJoints(
+            None if begin is None else present_joints(begin, robot, "begin"),
+            None if end is None else present_joints(end, robot, "end"),
+        ),
         "present": None if present is None else present_joints(present, robot),
         "approach": approach,
         "release": release,
@@ -198,7 +200,7 @@ def _carried(
     if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (
             yield from _by_some_grasp(
-                scene, robot, budget, wanted, method, carriers | {"begin": None, "end": None}
+                scene, robot, budget, wanted, method, carriers | {"given": GivenJoints()}
             )
         )
     (scene,) = scene.alternatives

@@ -82,8 +82,8 @@ class LiveScene:
         if self.messages:
             return
         self.process.tell({"do": "topics"})
-        event = awaited(self.process, ("missing",), LISTEN, [])
-        topics = event["topics"] if event is not None and event["event"] == "missing" else []
+        answer = awaited(self.process, ("missing",), LISTEN, [])
+        topics = answer["topics"] if answer is not None and answer["event"] == "missing" else []
         if self.topic in topics:
             raise SendError(
                 f"nothing was told on {self.topic} within {within:g} s, and no service tells the planning scene",
@@ -100,7 +100,7 @@ class LiveScene:
 
 
 def record(file: Path, topic: str = TOPIC, *, within: float = LISTEN, python: str | None = None) -> None:
-    """Write the planning scene that ROS 2 tells now to a bag, `file`.
+    """Write the present planning scene of ROS 2 to a bag.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def record(file: Path, topic: str = TOPIC, *, within: float = LISTEN, python: st
 
 
 def refusal(answer: Event) -> SendError:
-    """Return the error for a program that cannot serve or listen, with advice."""
+    """Return the error for a program that cannot serve or listen."""
     if answer["reason"] == "name":
         return SendError(
             f"ROS takes no name '{answer['what']}': {' '.join(answer['found'])}",

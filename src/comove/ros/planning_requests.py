@@ -104,7 +104,7 @@ class PayloadGoal:
     tolerances: Mapping[str, tuple[float, float]]
 
     def require_met(self, reached: Mapping[str, float], rounding: float = 1e-6) -> None:
-        """Refuse joints at the goal, by name, that miss those asked for [rad, m]."""
+        """Refuse joints that miss those asked for. They are by name [rad, m]."""
         for name, (below, above) in self.tolerances.items():
             off = reached[name] - self.joints[name]
             if not -below - rounding <= off <= above + rounding:
@@ -218,7 +218,7 @@ def joints_of_group(
 
 
 def goals_in(request: Fields, placed: PlacedPayload) -> list[PayloadGoal]:
-    """Return the goals of a request, of which one is to be met."""
+    """Return the goals of a request. One is to be met."""
     if not request["goal_constraints"]:
         raise _no_goal("there are no goal_constraints", placed)
     return [_goal(goal, placed) for goal in request["goal_constraints"]]

@@ -29,7 +29,7 @@ from comove.planning.clock import Budget
 from comove.planning.effort import EffortName
 from comove.planning.kernels import SceneKind
 from comove.planning.solution import Solution
-from comove.robots.carrying import RobotCarrier
+from comove.robots.carrying import GivenJoints, RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.planning_scenes import (
@@ -96,7 +96,7 @@ USUAL = PlanningSettings()
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """A verified motion that answers a request, with the joints of the group that it names."""
+    """A verified motion, with the joints of the requested group."""
 
     solution: Solution
     joints: frozenset[str]
@@ -170,7 +170,10 @@ class MotionPlanner:
         key = velocity, acceleration
         if key not in self._scaled:
             own = self.robot
-            limits = {"velocity": velocity * own.velocity, "acceleration": acceleration * own.acceleration}
+            limits: dict[str, Any] = {
+                "velocity": velocity * own.velocity,
+                "acceleration": acceleration * own.acceleration,
+            }
             self._scaled[key] = replace(own, **limits)
         return self._scaled[key]
 
@@ -212,7 +215,7 @@ class MotionPlanner:
         load_robot_kernels(SceneKind.of(scene))
         begin = np.array(placed.q)
         at_end = None if end is None else np.array([end[name] for name in placed.robot.joint_names])
-        _require_ends(RobotCarrier(placed.robot, scene.timed(10.0), begin=begin, end=at_end))
+        _require_ends(RobotCarrier(placed.robot, scene.timed(10.0), given=GivenJoints(begin, at_end)))
         try:
             found = solve(
                 scene,
@@ -281,7 +284,7 @@ def _require_ends(carrier: RobotCarrier) -> None:
 
 
 def _code_of_end(error: InputError) -> ErrorCode:
-    """Return the code for an end at which something is in the way."""
+    """Return the code for an end with contacts."""
     key = error.key or ""
     if "goal" in key:
         return ErrorCode.GOAL_IN_COLLISION

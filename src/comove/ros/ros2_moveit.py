@@ -53,7 +53,7 @@ class MoveItNode(Ros2Node):
         self.watched = ""
 
     def watch(self, topic, service):
-        """Listen to planning scenes, and ask for the present one as soon as somebody answers."""
+        """Listen to planning scenes. The present one is asked for."""
         from moveit_msgs.srv import GetPlanningScene
         from rclpy.callback_groups import ReentrantCallbackGroup
 
@@ -74,13 +74,11 @@ class MoveItNode(Ros2Node):
 
         durability = DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE
         quality = QoSProfile(depth=100, durability=durability)
-        self.subscription = self.node.create_subscription(
-            PlanningScene, self.watched, self.on_scene, quality
-        )
+        self.subscription = self.node.create_subscription(PlanningScene, self.watched, self.on_scene, quality)
         self.executor.wake()
 
     def find(self):
-        """Ask for the planning scene as soon as there is somebody, and listen as those who publish do."""
+        """Wait for publishers or the service; ask, and listen as they publish."""
         from rclpy.qos import DurabilityPolicy
 
         with suppress(Exception):  # the node has left
@@ -286,7 +284,7 @@ def is_moved(scene):
 
 
 def is_empty(scene):
-    """Return whether a planning scene says nothing, whether it is whole or not."""
+    """Return whether a planning scene, whole or not, says nothing."""
     was, scene.is_diff = scene.is_diff, True
     empty = is_moved(scene) and is_empty_state(scene.robot_state)
     scene.is_diff = was

@@ -114,7 +114,7 @@ def read(path: Path) -> PlanningScene:
 
 
 def messages_in(path: Path) -> list[Encoded]:
-    """Return the messages of a bag from its last whole planning scene on.
+    """Return a bag's messages from its last whole scene on.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def messages_in(path: Path) -> list[Encoded]:
 
 
 def _messages_in(path: Path) -> list[tuple[str, bytes, Any]]:
-    """Return the messages of `messages_in`, each with its type and as it is encoded."""
+    """Return the messages of `messages_in`, decoded as well."""
     from comove.dmp.demonstrations.formats.rosbag import opened
 
     if path.suffix.lower() == ".bag":
@@ -193,7 +193,7 @@ def write(path: Path, messages: Sequence[Encoded]) -> None:
 
 
 def _exact(types: Any, kind: str, data: bytes) -> bytes:
-    """Return a message as it is encoded, without what follows: rmw_fastrtps adds bytes to a message in memory."""
+    """Return an encoded message without the trailing bytes of rmw_fastrtps."""
     definition = types.get_msgdef(kind)
     decode = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
     _, size = decode(data[4:], 0, definition.cls, types)
@@ -201,7 +201,7 @@ def _exact(types: Any, kind: str, data: bytes) -> bytes:
 
 
 def encoded(scene: PlanningScene) -> Encoded:
-    """Return the objects in the world of a planning scene as a message of a whole one."""
+    """Return the world of a planning scene as a message."""
     types = store()
     objects = [_message(types, one) for one in scene.objects]
     world = _made(types, WORLD, collision_objects=objects)
