@@ -201,7 +201,7 @@ class PlacedPayload:
         return np.asarray(self.start @ _payload_shape(self.payload.object, "payload")[0])
 
     def pose_of(self, body: str) -> Array | None:
-        """Return the pose of a body that moves with it, or None."""
+        """Return the pose of a body moving with it, or None."""
         if body == self.payload.object.name:
             return self.start
         if any(body in _hand_links(self.robot, arm) for arm in self.holders):
@@ -209,7 +209,7 @@ class PlacedPayload:
         return None
 
     def pose_of_frame(self, frame: str) -> Array | None:
-        """Return the pose of a frame at rest in the scene, or None."""
+        """Return a resting frame's pose in the scene, or None."""
         if frame in ("", self.scene.frame):
             return self.base
         if frame in self.scene.transforms:
