@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE  # or each of the hundreds of commands that tests start compiles comove anew
 ROS2 := .venv-ros2
-ros2_wheels = $(1)-rclpy $(1)-rmw-fastrtps-cpp $(1)-trajectory-msgs $(1)-sensor-msgs
+ros2_wheels = $(1)-rclpy $(1)-rmw-fastrtps-cpp $(1)-trajectory-msgs $(1)-sensor-msgs $(1)-shape-msgs
 WORKERS = $(shell $(BIN)/python -c 'from comove.processes import n_processors; print(min(n_processors() + 1, 8))')
 PARALLEL = --numprocesses $(WORKERS) --dist loadfile  # one more than cores: tests wait for the commands that they start
 
@@ -83,7 +83,7 @@ $(VENV)/paper.stamp: pyproject.toml $(VENV)/core.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[paper]'
 	@touch $@
 
-$(ROS2)/%.stamp: tests/ros/ros2_types.py | $(VENV)/bin/python  # wheels, and types by a C++ compiler; a robot has its own
+$(ROS2)/%.stamp: tests/ros/ros2_types.py $(wildcard tests/ros/*_msgs/*/*) | $(VENV)/bin/python  # wheels, and types by a C++ compiler; a robot has its own
 	$(PYTHON) -m venv $(ROS2)/$*
 	$(ROS2)/$*/bin/python -m pip install --quiet --disable-pip-version-check $(call ros2_wheels,$(if $(filter kilted,$*),ros,ros-$*))
 	$(ROS2)/$*/bin/python tests/ros/ros2_types.py > $(ROS2)/$*.log

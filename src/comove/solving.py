@@ -43,6 +43,7 @@ def solve(
     checks: Sequence[Check] = (),
     effort: EffortName | EffortLevel = "normal",
     begin: Joints | None = None,
+    end: Joints | None = None,
     present: Joints | None = None,
     approach: bool = False,
     release: bool = False,
@@ -97,6 +98,9 @@ def solve(
     begin
         The robot's joints at the start, where it holds the payload already: the motion begins there. Some that suit
         are found unless given, and where the scene leaves the grasp open. As `present`, by name or an array.
+    end
+        Joints near which the motion ends, where the robot holds the payload at its goal. Some that suit are found
+        unless given, and where the scene leaves the grasp open. As `begin`.
     present
         The robot's joints now, from which it will approach the payload: by name, or an array, shape (n_joints,)
         [rad, m]; home unless given. Of the joints that hold the payload at the start, those nearer come first.
@@ -129,6 +133,7 @@ def solve(
     """
     of_robot: dict[str, Any] = {
         "begin": begin,
+        "end": end,
         "present": present,
         "approach": approach or None,
         "release": release or None,

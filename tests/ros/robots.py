@@ -215,7 +215,7 @@ JAZZY, KILTED = (
         name,
         2,
         str(VENVS / name / "bin" / "python"),
-        "rclpy, control_msgs.action, sensor_msgs.msg",
+        "rclpy, control_msgs.action, moveit_msgs.action, sensor_msgs.msg",
         dds_domain,
         "make ros2",
     )

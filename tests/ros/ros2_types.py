@@ -1,7 +1,8 @@
-"""Build the Python types of control_msgs by the generators of ROS 2's wheels and a C++ compiler.
+"""Build the Python types that wheels of ROS 2 lack, by their generators and a C++ compiler.
 
 Usage: PYTHON ros2_types.py, by the Python of the environment that has the wheels; the types are installed into it. On
-a robot they come with ROS. Definitions are those of `control_msgs` beside this file, field by field as published.
+a robot they come with ROS. Definitions are those of the packages beside this file, field by field as published: of
+control_msgs, and of moveit_msgs with what it holds, only those that are used.
 """
 
 import json
@@ -16,17 +17,21 @@ from pathlib import Path
 
 import numpy
 
-SOURCE = Path(__file__).with_name("control_msgs")
+HERE = Path(__file__).parent
+PACKAGES = ("control_msgs", "object_recognition_msgs", "octomap_msgs", "moveit_msgs")
+"""Packages that are built, each after those whose types it holds."""
+KINDS = ("msg", "srv", "action")
 DEPENDS = (
-    *("builtin_interfaces", "std_msgs", "trajectory_msgs", "geometry_msgs", "sensor_msgs"),
+    *("builtin_interfaces", "std_msgs", "trajectory_msgs", "geometry_msgs", "sensor_msgs", "shape_msgs"),
     *("action_msgs", "service_msgs", "unique_identifier_msgs"),
 )
+"""Packages of wheels."""
 SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 PREFIX = Path(sys.prefix)
 
 
-def generate(work):
-    """Write the sources of all types below a folder, by one generator after the other."""
+def generate(work, name):
+    """Write the sources of a package's types below a folder, by one generator after the other."""
     from rosidl_adapter import convert_to_idl
     from rosidl_generator_c import generate_c as structs
     from rosidl_generator_py import generate_py
@@ -35,22 +40,23 @@ def generate(work):
     from rosidl_typesupport_fastrtps_c import generate_typesupport_fastrtps_c as serialise
     from rosidl_typesupport_introspection_c import generate_c as introspect
 
-    name, share = SOURCE.name, PREFIX / "share"
-    files = sorted(
-        path.relative_to(SOURCE) for kind in ("msg", "action") for path in SOURCE.glob(f"{kind}/*")
-    )
+    source, share = HERE / name, PREFIX / "share"
+    files = sorted(path.relative_to(source) for kind in KINDS for path in source.glob(f"{kind}/*"))
     for file in files:
         (work / "idl" / name / file.parent).mkdir(parents=True, exist_ok=True)
-        convert_to_idl(SOURCE, name, file, work / "idl" / name)
+        convert_to_idl(source, name, file, work / "idl" / name)
+    own = [other for other in PACKAGES[: PACKAGES.index(name)] if other != "control_msgs"]
+    known = {other: share / other for other in DEPENDS} | {other: work / "idl" / other for other in own}
+    described = {**known, **{other: work / "rosidl_generator_type_description" / other for other in own}}
     common = {
         "package_name": name,
         "idl_tuples": [f"{work}/idl/{name}:{file.with_suffix('.idl')}" for file in files],
-        "ros_interface_files": [str(SOURCE / file) for file in files],
+        "ros_interface_files": [str(source / file) for file in files],
         "ros_interface_dependencies": [
-            f"{other}:{path}" for other in DEPENDS for path in (share / other).glob("*/*.idl")
+            f"{other}:{path}" for other, folder in known.items() for path in folder.glob("*/*.idl")
         ],
         "target_dependencies": [],
-        "include_paths": [f"{other}:{share / other}" for other in DEPENDS],
+        "include_paths": [f"{other}:{folder}" for other, folder in described.items()],
         "type_description_tuples": [
             f"{file.with_suffix('.idl')}:{work}/rosidl_generator_type_description/{name}/{file.with_suffix('.json')}"
             for file in files
@@ -66,7 +72,7 @@ def generate(work):
     }
     for folder, generator in generators.items():
         out = work / folder / name
-        for kind in {file.parent for file in files}:
+        for kind in {file.parent for file in files} | {Path("msg")}:
             (out / kind / "detail").mkdir(parents=True, exist_ok=True)
         told = {**common, "output_dir": str(out), "template_dir": str(share / folder / "resource")}
         (work / f"{folder}.json").write_text(json.dumps(told))
@@ -78,12 +84,23 @@ def generate(work):
         (work / folder / name / "msg" / header).write_text(text)
 
 
+def as_few(work):
+    """Return all sources below a folder, those in C++ as one a package: their headers take most of the time."""
+    found = sorted(work.rglob("*.c"))
+    for folder in ("rosidl_typesupport_c", "rosidl_typesupport_fastrtps_c"):
+        for name in PACKAGES:
+            parts = sorted((work / folder / name).rglob("*.cpp"))
+            found.append(work / f"{folder}-{name}.cpp")
+            found[-1].write_text("".join(f'#include "{part}"\n' for part in parts))
+    return found
+
+
 def compile_all(work, extension):
     """Compile all sources below a folder into one extension."""
     include = PREFIX / "include"
     headers = [work / folder for folder in ("rosidl_generator_c", "rosidl_typesupport_c", *SUPPORTS)]
     headers += [include, *include.iterdir(), sysconfig.get_path("include"), numpy.get_include()]
-    flags = ["-O1", "-fPIC", "-w", *(f"-I{header}" for header in headers)]
+    flags = ["-O0", "-fPIC", "-w", *(f"-I{header}" for header in headers)]
 
     def compiled(number, source):
         target = work / f"{number}.o"
@@ -91,7 +108,7 @@ def compile_all(work, extension):
         subprocess.run([*compiler, *flags, "-c", str(source), "-o", str(target)], check=True)
         return str(target)
 
-    sources = sorted(path for path in work.rglob("*.c*") if path.suffix in (".c", ".cpp"))
+    sources = as_few(work)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         objects = list(pool.map(compiled, range(len(sources)), sources))
     parts = ("rosidl_generator_c", "rosidl_typesupport_c", *SUPPORTS, "rosidl_generator_py")
@@ -105,21 +122,24 @@ def compile_all(work, extension):
 
 def main():
     """Build, and install where Python and the dispatcher of type supports look."""
-    name, site = SOURCE.name, Path(sysconfig.get_path("purelib"))
+    site = Path(sysconfig.get_path("purelib"))
+    extension = site / "types_of_tests.so"
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        generate(work)
-        python = work / "rosidl_generator_py" / name
-        (python / "__init__.py").touch()
-        extension = python / f"{name}_s__rosidl_typesupport_c.so"
+        for name in PACKAGES:
+            generate(work, name)
         compile_all(work, extension)
-        shutil.copytree(
-            python, site / name, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.c", "detail")
-        )
-    for support in SUPPORTS:
-        link = PREFIX / "lib" / f"lib{name}__{support}.so"
-        link.unlink(missing_ok=True)
-        link.symlink_to(site / name / extension.name)
+        for name in PACKAGES:
+            python = work / "rosidl_generator_py" / name
+            (python / "__init__.py").touch()
+            ignored = shutil.ignore_patterns("*.c", "detail")
+            shutil.copytree(python, site / name, dirs_exist_ok=True, ignore=ignored)
+    for name in PACKAGES:
+        links = [site / name / f"{name}_s__rosidl_typesupport_c.so"]
+        links += [PREFIX / "lib" / f"lib{name}__{support}.so" for support in SUPPORTS]
+        for link in links:
+            link.unlink(missing_ok=True)
+            link.symlink_to(extension)
 
 
 if __name__ == "__main__":

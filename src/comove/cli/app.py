@@ -214,7 +214,20 @@ def options(
 
 VERBS = (
     *("bench", "demo", "doctor", "explain", "export", "generate", "learn", "library", "report"),
-    *("reproduce", "robot", "run", "scene", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
+    *(
+        "reproduce",
+        "robot",
+        "run",
+        "scene",
+        "send",
+        "serve",
+        "show",
+        "simulate",
+        "solve",
+        "sweep",
+        "verify",
+        "view",
+    ),
 )
 """Files of this folder that register verbs."""
 

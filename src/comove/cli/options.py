@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -59,6 +60,16 @@ JointFolder = Annotated[
 ]
 CARRY = "carry"
 """The motion with the payload, among those that are exported and sent."""
+
+
+class EffortMode(StrEnum):
+    """Levels of effort, named as in `planning.effort.EFFORTS`."""
+
+    quick = "quick"
+    normal = "normal"
+    thorough = "thorough"
+
+
 ACTION: dict[str, Any] = {
     "metavar": "NAME",
     "help": "FollowJointTrajectory action of each {arm}, or one for all arms; as the robot's description says unless "
@@ -68,6 +79,10 @@ JOINT_STATES: dict[str, Any] = {
     "metavar": "TOPIC",
     "help": "Topic of the joint states; as the robot's description says unless given, else /joint_states, in ROS 1 "
     "Baxter's.",
+}
+SCENE_TOPIC: dict[str, Any] = {
+    "metavar": "TOPIC",
+    "help": "Topic of planning scenes; the service /get_planning_scene is asked as well.",
 }
 PRESENT: dict[str, Any] = {
     "metavar": "FILE",

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from comove.cli import options as o
 from comove.cli.app import VERIFIED, sub_application, verb_of
 from comove.errors import SceneError
 
@@ -67,14 +68,20 @@ def schema(
 @verb_of(group, "import")
 def import_(
     file: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
-            metavar="FILE", help="Planning scene of MoveIt: a bag of ROS 2 (folder, .mcap), or .scene."
+            metavar="[FILE]", help="Planning scene of MoveIt: a bag of ROS 2 (folder, .mcap), or .scene."
         ),
-    ],
+    ] = None,
+    *,
     robot: Annotated[
         str, typer.Option(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
     ],
+    ros: Annotated[
+        int | None,
+        typer.Option(metavar="2", help="Record the present planning scene from ROS 2, beside --out."),
+    ] = None,
+    topic: Annotated[str | None, typer.Option(**o.SCENE_TOPIC)] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -110,8 +117,11 @@ def import_(
         typer.Option(metavar="NAME", help="Group state whose joints replace those of the planning scene."),
     ] = None,
 ) -> int:
-    """Make a scene for a robot from a planning scene of MoveIt. It has no goal, so give one: --shift, or
-    --goal-position and --goal-rpy-deg."""
+    """Make a scene for a robot from a planning scene of MoveIt.
+
+    It is read from FILE, or recorded by --ros 2. It has no goal, so give one: --shift, or --goal-position and
+    --goal-rpy-deg.
+    """
     import os
 
     import yaml
@@ -123,19 +133,22 @@ def import_(
     from comove.robots import Robot, bundled_robots, find_description
     from comove.robots.planning_scenes import Goal, ImportOptions, scene_from, with_supports_at_rest
 
-    folder = file.absolute().parent if out is None else out.absolute().parent
     if out is not None:
         require_target(out, SceneError)
     loaded, goal = Robot.load(robot), Goal(shift, goal_position, goal_rpy_deg)
-    options = ImportOptions(goal, payload, tuple(leave_out or ()), tuple(support or ()), srdf, state)
-    stem = file.stem if out is None else out.stem
-    found = scene_from(file, loaded, folder, stem, options)
-    named = robot if robot in bundled_robots() else os.path.relpath(find_description(robot), folder)
-    data: dict[str, Any] = {"version": 2, "name": stem, "robot": named} | found.data
-    if found.meshes and out is None:
-        told = "the payload's meshes are written beside the scene"
-        raise SceneError(told, file=file, key="--out", way_out="name the scene to write: --out scene.yaml")
     with ExitStack() as undo:
+        file = _source(file, ros, topic, out, undo)
+        folder = file.absolute().parent if out is None else out.absolute().parent
+        options = ImportOptions(goal, payload, tuple(leave_out or ()), tuple(support or ()), srdf, state)
+        stem = file.stem if out is None else out.stem
+        found = scene_from(file, loaded, folder, stem, options)
+        named = robot if robot in bundled_robots() else os.path.relpath(find_description(robot), folder)
+        data: dict[str, Any] = {"version": 2, "name": stem, "robot": named} | found.data
+        if found.meshes and out is None:
+            told = "the payload's meshes are written beside the scene"
+            raise SceneError(
+                told, file=file, key="--out", way_out="name the scene to write: --out scene.yaml"
+            )
         for name, mesh in found.meshes.items():
             _give(mesh.decode(), folder / name)
             undo.callback((folder / name).unlink)
@@ -167,6 +180,33 @@ def import_(
         )
     print(*in_rows([*rows, ("next", command)]), sep="\n")
     return VERIFIED
+
+
+def _source(file: Path | None, ros: int | None, topic: str | None, out: Path | None, undo: ExitStack) -> Path:
+    """Return the file of the planning scene; record it if it is wanted from ROS 2, beside `out`."""
+    if ros not in (None, 2):
+        raise SceneError(f"MoveIt 2 is of ROS 2, not of ROS {ros}", key="--ros", way_out="give --ros 2")
+    if ros is None and file is None:
+        raise SceneError(
+            "there is no planning scene", key="FILE", way_out="name a file, or give --ros 2 to record one"
+        )
+    if ros is None and file is not None:
+        if topic is not None:
+            raise SceneError("nothing is recorded", key="--topic", way_out="give --ros 2 instead of a file")
+        return file
+    if file is not None:
+        raise SceneError("it is recorded from ROS 2, or read from a file", key="FILE", way_out="leave it out")
+    if out is None:
+        told = "what is recorded is written beside the scene"
+        raise SceneError(told, key="--out", way_out="name the scene to write: --out scene.yaml")
+    from comove.io.files import require_target
+    from comove.ros.live_scenes import TOPIC, record
+
+    recorded = out.with_suffix(".mcap")
+    require_target(recorded, SceneError)
+    record(recorded, topic or TOPIC)
+    undo.callback(recorded.unlink)
+    return recorded
 
 
 def _give(text: str, out: Path | None) -> None:

@@ -30,14 +30,6 @@ class ObstacleMode(StrEnum):
     cost = "cost"
 
 
-class EffortMode(StrEnum):
-    """Levels of effort, named as in `planning.effort.EFFORTS`."""
-
-    quick = "quick"
-    normal = "normal"
-    thorough = "thorough"
-
-
 @verb
 def solve(
     scene: o.SceneFile,
@@ -94,12 +86,12 @@ def solve(
         ),
     ] = None,
     effort: Annotated[
-        EffortMode,
+        o.EffortMode,
         typer.Option(
             help="How hard the search tries to better a verified motion: 'quick' makes one path smooth, 'normal' "
             "several, 'thorough' three times as many."
         ),
-    ] = EffortMode.normal,
+    ] = o.EffortMode.normal,
     robot: o.RobotName = None,
     hands_alone: o.HandsAlone = False,
     *,

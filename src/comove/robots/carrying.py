@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, cycle, islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ from comove.robots.search.links import (
 )
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
-from comove.robots.search.tracking import N_COARSE, Miss, track, track_near
+from comove.robots.search.tracking import EXACT, N_COARSE, Miss, track, track_near, tracked
 from comove.robots.transfers import Retreat
 from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import (
@@ -116,6 +116,19 @@ def _unfit_grasps(
     return None
 
 
+class GivenJoints(NamedTuple):
+    """Joints of a robot at both ends, arrays of shape (n_joints,) [rad]; None for those that are not given.
+
+    At the start, `begin`, it holds the payload exactly there already. At the goal it holds it near `end`.
+    """
+
+    begin: Array | None = None
+    end: Array | None = None
+
+
+NOT_GIVEN = GivenJoints()
+
+
 @dataclass(frozen=True, eq=False)
 class RobotCarrier(LimitedKinematics):
     """A robot that holds a scene's payload, as `comove.planning.kinematics.LimitedKinematics`.
@@ -127,8 +140,7 @@ class RobotCarrier(LimitedKinematics):
     ----------
     robot, scene : the robot, and the scene whose payload it holds
     caution : number of times that the constraints were tightened
-    begin : array, shape (n_joints,), the robot's joints at the start, where it already holds the payload [rad]; None
-        to solve them
+    given : joints at the ends; those that are not given are solved
     present : array, shape (n_joints,), the robot's joints before it approaches the start [rad]; None for home
     approach, release : whether the joints at the start, and at the goal, must admit these
     barred : joints of the arms at an end from which no such motion was found, each with "start" or "goal"
@@ -141,7 +153,7 @@ class RobotCarrier(LimitedKinematics):
     robot: Robot
     scene: Scene
     caution: int = 0
-    begin: Array | None = None
+    given: GivenJoints = NOT_GIVEN
     present: Array | None = None
     approach: bool = False
     release: bool = False
@@ -265,14 +277,38 @@ class RobotCarrier(LimitedKinematics):
         SceneError
             If an arm cannot reach the start.
         """
-        if self.begin is not None:
-            return tuple(self.begin[arm.columns][None] for arm in self.holders)
+        if self.given.begin is not None:
+            return tuple(self.given.begin[arm.columns][None] for arm in self.holders)
         return self.ends.branches("start", self._solved_at("start"))
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
         """Return each arm's joints at the goal, as `starts`."""
+        if self.given.end is not None:
+            return tuple(self._ending[None, self.ends.part(i)] for i in range(len(self.holders)))
         return self.ends.branches("goal", self._solved_at("goal"))
+
+    @cached_property
+    def _ending(self) -> Array:
+        """Return the arms' joints at the goal nearest to `end`; array, shape (n_joints of the arms,).
+
+        Raises
+        ------
+        SceneError
+            If they do not reach it from there.
+        """
+        assert self.given.end is not None, "it is asked for"
+        nodes, columns = self.scene.nodes_at("goal"), self.ends.columns
+        joints, missing = tracked(self.arms, nodes[None], self.given.end[columns][None], EXACT)
+        if missing.max() > EXACT.tolerance:
+            arm = self.holders[int(missing.argmax())].name
+            raise unfit(
+                self.scene,
+                "manipulators.goal",
+                f"the arm '{arm}' does not hold the payload at its goal with the joints given for that",
+                "give joints with which all arms hold it there",
+            )
+        return joints[0]
 
     def _solved_at(self, end: str, all_seeds: bool = True) -> tuple[Array, ...]:
         """Return the arms' joints at an end by their poses alone."""
@@ -496,7 +532,14 @@ class RobotCarrier(LimitedKinematics):
     def track(self, motion: CoordinatedMotion, *, haste: int = 1) -> tuple[JointMotion, Miss | None]:
         """Compute the joints along a motion, and their largest miss; `haste` as in `search.tracking.track`."""
         course = self.best_course(motion.nodes(N_COARSE))
-        return track(self.robot, self.holders, self.arms, motion, course, haste=haste)
+        joints, miss = track(self.robot, self.holders, self.arms, motion, course, haste=haste)
+        if self.given.end is None or miss is not None:
+            return joints, miss
+        led, share = joints.position[:, self.ends.columns], joints.time[:, None] / joints.duration
+        rise = share**3 * (
+            10.0 - 15.0 * share + 6.0 * share**2
+        )  # redundant joints end elsewhere, if left free
+        return track_near(self.robot, self.holders, self.arms, motion, led + rise * (self._ending - led[-1]))
 
     def reasons(self, motion: CoordinatedMotion | VerifiedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot execute a motion."""
@@ -572,7 +615,8 @@ class RobotCarrier(LimitedKinematics):
         """
         for retreat in self._retreats.values():
             retreat.require_free_rest()
-        for end in ("start", "goal") if self.begin is None else ("goal",):
+        given = {"start": self.given.begin, "goal": self.given.end}
+        for end in (end for end, joints in given.items() if joints is None):
             self._solved_at(end, all_seeds)  # before clearances matter
         _ = self.starts, self.goals
         if self._retreats:

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -83,6 +83,16 @@ class Goal:
         return goal
 
 
+class Displacement(NamedTuple):
+    """Where the payload goes: its start displaced in the scene; array, shape (4, 4)."""
+
+    pose: Array
+
+    def of(self, start: Array) -> Array:
+        """Return the goal of a payload; arrays, shape (4, 4)."""
+        return self.pose @ start
+
+
 @dataclass(frozen=True)
 class ImportedScene:
     """A scene of version 2, and what belongs to it.
@@ -116,12 +126,97 @@ class ImportOptions:
     srdf, state : file and name of a group state, whose joints replace those of the planning scene
     """
 
-    goal: Goal = field(default_factory=Goal)
+    goal: Goal | Displacement = field(default_factory=Goal)
     payload: str | None = None
     leave_out: tuple[str, ...] = ()
     supports: tuple[str, ...] = ()
     srdf: Path | None = None
     state: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPayload:
+    """A payload in a planning scene, where a robot's joints have it.
+
+    Attributes
+    ----------
+    robot, scene : the robot, and the planning scene
+    q : array, shape (n_joints,), joints of the planning scene; home where it has none [rad, m]
+    present : the same by name; empty where it has none
+    payload : object that is the payload
+    is_held : whether it is attached to the robot
+    base : array, shape (4, 4), pose of the planning frame in comove's scene
+    start : array, shape (4, 4), pose of the object in comove's scene
+    """
+
+    robot: Robot
+    scene: PlanningScene
+    q: Array
+    present: Mapping[str, float]
+    payload: AttachedObject
+    is_held: bool
+    base: Array
+    start: Array
+
+    @classmethod
+    def of(cls, file: Path, robot: Robot, options: ImportOptions) -> PlacedPayload:
+        """Return the payload of a planning scene.
+
+        Raises
+        ------
+        InputError
+            If the planning scene cannot be read, or has no such payload.
+        """
+        scene = planning_scene_in(file)
+        q, present = _joints(scene, robot, options)
+        payload, is_held = _payload_of(scene, options, file)
+        if is_held and not present:
+            raise SceneError(
+                "an object is attached to the robot, whose joints are not given",
+                file=file,
+                way_out="record it anew, or name a group state: --srdf FILE --state NAME",
+            )
+        links, frame = _links(robot), payload.object.frame
+        base = _placed(robot, scene.frame, q) if scene.frame in links else np.eye(4)
+        if is_held and frame in links:
+            start = _placed(robot, frame, q) @ payload.object.pose
+        else:
+            start = base @ scene.pose_of(payload.object)
+        return cls(robot, scene, q, present, payload, is_held, base, start)
+
+    @property
+    def holders(self) -> tuple[Arm, ...]:
+        """Return the arms that hold it.
+
+        Raises
+        ------
+        SceneError
+            If it is attached to no hand.
+        """
+        return _holders(self.robot, self.payload) if self.is_held else ()
+
+    @property
+    def payload_start(self) -> Array:
+        """Return the pose of the payload's frame in comove's scene."""
+        return np.asarray(self.start @ _payload_shape(self.payload.object, "payload")[0])
+
+    def pose_of(self, body: str) -> Array | None:
+        """Return the pose of a body moving with it, or None."""
+        if body == self.payload.object.name:
+            return self.start
+        if any(body in _hand_links(self.robot, arm) for arm in self.holders):
+            return _placed(self.robot, body, self.q)
+        return None
+
+    def pose_of_frame(self, frame: str) -> Array | None:
+        """Return a resting frame's pose in the scene, or None."""
+        if frame in ("", self.scene.frame):
+            return self.base
+        if frame in self.scene.transforms:
+            return self.base @ self.scene.transforms[frame]
+        if frame in _links(self.robot) and _is_fixed(self.robot, frame):
+            return _placed(self.robot, frame, self.q)
+        return None
 
 
 def scene_from(file: Path, robot: Robot, folder: Path, named: str, options: ImportOptions) -> ImportedScene:
@@ -145,40 +240,28 @@ def scene_from(file: Path, robot: Robot, folder: Path, named: str, options: Impo
             file=file,
             way_out=f"write it there: --out {file.parent / named}.yaml",
         )
-    scene = planning_scene_in(file)
-    q, present = _joints(scene, robot, options)
-    payload, is_held = _payload_of(scene, options, file)
-    if is_held and not present:
-        raise SceneError(
-            "an object is attached to the robot, whose joints are not given",
-            file=file,
-            way_out="record it anew, or name a group state: --srdf FILE --state NAME",
-        )
-    links, frame = _links(robot), payload.object.frame
-    base = _placed(robot, scene.frame, q) if scene.frame in links else np.eye(4)
-    if is_held and frame in links:
-        start = _placed(robot, frame, q) @ payload.object.pose
-    else:
-        start = base @ scene.pose_of(payload.object)
+    placed = PlacedPayload.of(file, robot, options)
+    scene, payload, is_held, holders = placed.scene, placed.payload, placed.is_held, placed.holders
     own, shape, meshes = _payload_shape(payload.object, named)
-    start = start @ own
+    start = placed.start @ own
     goal = options.goal.of(start)
-    holders = _holders(robot, payload) if is_held else ()
     grasps: Any = "auto"
     if is_held:
-        grasps = {arm.name: _written(np.linalg.inv(start) @ robot.tool_pose(q, arm)) for arm in holders}
+        grasps = {
+            arm.name: _written(np.linalg.inv(start) @ robot.tool_pose(placed.q, arm)) for arm in holders
+        }
     out = {*options.leave_out} | (set() if is_held else {payload.object.name})
     supports, notes = _matrix(scene, robot, payload, holders)
-    entry = _obstacles(file, folder, base, out, [*options.supports, *supports])
+    entry = _obstacles(file, folder, placed.base, out, [*options.supports, *supports])
     data: dict[str, Any] = {"version": 2, "name": named}
     data["workspace"] = _workspace((start, goal), shape, grasps, meshes)
     data |= {"obstacles": [entry]} if entry else {}
     mass = {"mass": payload.mass} if payload.mass > 0.0 else {}
     data["payload"] = shape | mass | {"start": _written(start), "goal": _written(goal)}
     data["grasps"] = grasps
-    where = "where the robot has it" if scene.frame in links else "taken for the scene's own"
+    where = "where the robot has it" if scene.frame in _links(robot) else "taken for the scene's own"
     told = [f"the planning frame '{shortened(scene.frame)}' is {where}"]
-    return ImportedScene(data, meshes, present, is_held, (*told[: bool(scene.frame)], *notes))
+    return ImportedScene(data, meshes, placed.present, is_held, (*told[: bool(scene.frame)], *notes))
 
 
 def with_supports_at_rest(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:

@@ -33,7 +33,7 @@ from comove.planning.pace import (
 from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
-from comove.robots.carrying import RobotCarrier
+from comove.robots.carrying import GivenJoints, RobotCarrier
 from comove.robots.choosing import SETTINGS as RANKING
 from comove.robots.choosing import Reach
 from comove.robots.ends import MissedPose
@@ -142,6 +142,7 @@ def solved_by_robot(
     method: Method | None = None,
     budget: float | Budget = 30.0,
     begin: Joints | None = None,
+    end: Joints | None = None,
     present: Joints | None = None,
     approach: bool = False,
     release: bool = False,
@@ -157,7 +158,10 @@ def solved_by_robot(
         )
     require_no_transfers(scene, {"approach": approach, "release": release})
     carriers: dict[str, Any] = {
-        "begin": None if begin is None else present_joints(begin, robot, "begin"),
+        "given": GivenJoints(
+            None if begin is None else present_joints(begin, robot, "begin"),
+            None if end is None else present_joints(end, robot, "end"),
+        ),
         "present": None if present is None else present_joints(present, robot),
         "approach": approach,
         "release": release,
@@ -194,7 +198,11 @@ def _carried(
     `tried` is a carrier whose ends are solved and clear, in another duration; None if there is none.
     """
     if scene.file.choices is not None or len(scene.alternatives) > 1:
-        return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))
+        return (
+            yield from _by_some_grasp(
+                scene, robot, budget, wanted, method, carriers | {"given": GivenJoints()}
+            )
+        )
     (scene,) = scene.alternatives
     begun = now()
     wanted["objective"] = wanted.get("objective") or objective_of_scene(scene.file.objective)

@@ -37,6 +37,7 @@ import numpy as np
 
 from comove.io.files import installed
 from comove.model.files.moveit_bags import DEFINITIONS, DISPLAY, ROBOT_TRAJECTORY
+from comove.model.files.moveit_bags import store as moveit_store
 from comove.ros.parts import NANO, JointSamples, MotionPart
 
 START = NANO  # ns, stamp of time zero
@@ -108,7 +109,7 @@ def moveit_messages(part: MotionPart, rate: float) -> dict[str, bytes]:
         If the library rosbags is missing.
     """
     require_rosbags(part)
-    store = _store(DEFINITIONS)
+    store = moveit_store()
     found = _moveit_messages(store, part.samples(rate))
     return {kind: bytes(store.serialize_cdr(message, kind)) for _, kind, _, message in found}
 

@@ -469,7 +469,7 @@ def started(
     SendError
         If no Python here has ROS 2.
     """
-    tried = list[str]()
+    tried, lacks = list[str](), None
     for candidate in [python] if python else pythons():
         try:
             process = BridgeProcess(candidate, program)
@@ -479,13 +479,20 @@ def started(
         process.tell(command)
         others = list[Event]()
         answer = awaited(process, (ready, "refused"), within, others)
-        lacks_ros = answer is None or answer.get("reason") in ("ros", "control_msgs", None)
+        lacks_ros = answer is None or answer.get("reason") in ("ros", "control_msgs", "moveit_msgs", None)
         if answer is not None and (answer["event"] == ready or not lacks_ros):
             return process, answer, others
         what = "it did not answer" if answer is None else answer.get("what") or process.last_words()
         process.close()
+        if answer is not None and answer.get("reason") == "moveit_msgs":
+            lacks = SendError(
+                f"the ROS 2 of {candidate} has no moveit_msgs: {what}",
+                key="ros",
+                way_out="install it (apt-get install ros-$ROS_DISTRO-moveit-msgs), and source the environment that "
+                "has it",
+            )
         tried.append(f"{candidate} ({what})")
-    raise ros_missing((ROS2.version,), tried)
+    raise lacks or ros_missing((ROS2.version,), tried)
 
 
 def ros_missing(versions: Sequence[int], tried: Sequence[str]) -> SendError:

@@ -28,16 +28,16 @@ class Ros2Node:
         """Execute a command."""
         getattr(self, do)(**content)
 
-    def open(self, sim_time=False):
-        """Join the graph of ROS."""
+    def open(self, sim_time=False, n_threads=1):
+        """Join the graph of ROS. More than one thread may call back at once."""
         import rclpy
-        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
         from rclpy.parameter import Parameter
 
         rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
         simulated = [Parameter("use_sim_time", Parameter.Type.BOOL, True)] if sim_time else []
         self.node = rclpy.create_node(f"comove_{os.getpid()}", parameter_overrides=simulated)
-        self.executor = SingleThreadedExecutor()
+        self.executor = SingleThreadedExecutor() if n_threads == 1 else MultiThreadedExecutor(n_threads)
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.spin, daemon=True)
         self.thread.start()

@@ -48,17 +48,18 @@ class Teller:
             self.thread.join(1.0)
 
 
-def run(program, needed=()):
+def run(program, needed=(), types="control_msgs"):
     """Execute the commands that are read, until the input ends.
 
     Parameters
     ----------
     program : function of a Teller that returns an object with `obey(do, **content)` and `close()`
     needed : modules that the program loads besides the usual ones
+    types : package of the actions that it uses, which ROS may be without
     """
     tell = Teller()
     try:
-        begun = loaded(program, (*NEEDED, *needed), tell)
+        begun = loaded(program, (*NEEDED, *needed), types, tell)
         if begun is not None:
             obey(begun, tell)
     finally:
@@ -66,9 +67,9 @@ def run(program, needed=()):
         sys.stderr.flush()
 
 
-def loaded(program, needed, tell):
+def loaded(program, needed, types, tell):
     """Return the program, or tell what it lacks."""
-    for reason, modules in (("ros", needed), ("control_msgs", ["control_msgs.action"])):
+    for reason, modules in (("ros", needed), (types, [f"{types}.action"])):
         try:
             for module in modules:
                 import_module(module)

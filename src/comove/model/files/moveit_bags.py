@@ -7,8 +7,9 @@ cones are height, radius in messages. Messages are decoded by the definitions he
 
 from __future__ import annotations
 
+import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +19,8 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.errors import ComoveWarning, SceneError, listed, shortened
+from comove.geometry.rotations import quaternion_of_rotation
+from comove.io.files import installed
 from comove.model.files.moveit import (
     OCTOMAP,
     AttachedObject,
@@ -87,6 +90,10 @@ MOVED = 1e-6
 """Motion beyond which something has moved [m, rad]."""
 KINDS = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
 """Shapes by their number in `shape_msgs/msg/SolidPrimitive`."""
+POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
+"""Fields of an object that hold shapes, and those that hold their poses."""
+Encoded = tuple[str, bytes]
+"""Type and content of a message, encoded in CDR."""
 N_DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "prism": 1}
 
 
@@ -98,6 +105,27 @@ def read(path: Path) -> PlanningScene:
     SceneError, DemonstrationError
         If the bag cannot be read, or holds no planning scene; its topics are named.
     """
+    messages = [(kind, message) for kind, _, message in _messages_in(path)]
+    try:
+        return _applied(messages, path)
+    except SceneError as error:
+        error.file = error.file or path
+        raise
+
+
+def messages_in(path: Path) -> list[Encoded]:
+    """Return a bag's messages from its last whole scene on.
+
+    Raises
+    ------
+    SceneError, DemonstrationError
+        As `read`.
+    """
+    return [(kind, data) for kind, data, _ in _messages_in(path)]
+
+
+def _messages_in(path: Path) -> list[tuple[str, bytes, Any]]:
+    """Return the messages of `messages_in`, decoded as well."""
     from comove.dmp.demonstrations.formats.rosbag import opened
 
     if path.suffix.lower() == ".bag":
@@ -106,26 +134,136 @@ def read(path: Path) -> PlanningScene:
         )
     with opened(path, DEFINITIONS) as bag:
         chosen = _chosen(path, bag)
-        found, size = list[tuple[str, bytes]](), 0
+        found, size = list[Encoded](), 0
         for one, _, data in bag.reader.messages(chosen):
-            found.append((one.msgtype, data))
+            found.append((one.msgtype, bytes(data)))
             size += len(data)
             if size > MAX_BYTES:
                 told = f"its planning scenes take more than {MAX_BYTES // 1_000_000} MB"
                 raise SceneError(told, file=path, way_out="record it for a shorter time")
         if not found:
             raise SceneError("its planning scene has no messages", file=path, way_out="record it anew")
-        messages = list[tuple[str, Any]]()
+        messages = list[tuple[str, bytes, Any]]()
         while found:  # from the last one back to the last whole scene
             kind, data = found.pop()
-            messages.append((kind, bag.decode(data, kind)))
-            if kind == SCENE and not messages[-1][1].is_diff:
+            messages.append((kind, data, bag.decode(data, kind)))
+            if kind == SCENE and not messages[-1][2].is_diff:
                 break
-    try:
-        return _applied(messages[::-1], path)
-    except SceneError as error:
-        error.file = error.file or path
-        raise
+    return messages[::-1]
+
+
+def store() -> Any:
+    """Return the types of ROS 2 with those of MoveIt.
+
+    Raises
+    ------
+    ExtraError
+        If the library rosbags is missing.
+    """
+    installed("rosbags", "a planning scene of MoveIt", "data")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    found = get_typestore(Stores.ROS2_HUMBLE)
+    for kind, text in DEFINITIONS.items():
+        found.register(get_types_from_msg(text, kind))
+    return found
+
+
+def write(path: Path, messages: Sequence[Encoded]) -> None:
+    """Write encoded messages as a bag, one MCAP file, in their order.
+
+    Raises
+    ------
+    ExtraError
+        If the library rosbags is missing.
+    """
+    types = store()
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        bag = Path(folder, "bag")
+        with Writer(bag, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+            topics = {
+                kind: writer.add_connection(f"/{kind.rsplit('/', 1)[1]}", kind, typestore=types)
+                for kind in dict.fromkeys(kind for kind, _ in messages)
+            }
+            for stamp, (kind, data) in enumerate(messages, start=1):
+                writer.write(topics[kind], stamp, _exact(types, kind, data))
+        (bag / "bag.mcap").replace(path)
+
+
+def _exact(types: Any, kind: str, data: bytes) -> bytes:
+    """Return an encoded message without the trailing bytes of rmw_fastrtps."""
+    definition = types.get_msgdef(kind)
+    decode = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
+    _, size = decode(data[4:], 0, definition.cls, types)
+    return data[: size + 4]
+
+
+def encoded(scene: PlanningScene) -> Encoded:
+    """Return the world of a planning scene as a message."""
+    types = store()
+    objects = [_message(types, one) for one in scene.objects]
+    world = _made(types, WORLD, collision_objects=objects)
+    return SCENE, bytes(types.serialize_cdr(_made(types, SCENE, world=world), SCENE))
+
+
+def _made(types: Any, kind: str, **given: Any) -> Any:
+    """Return a message; fields that are not given are empty, 0, or made so themselves."""
+    from rosbags.interfaces import Nodetype
+
+    values = {}
+    for name, (node, what) in types.fielddefs[kind][1]:
+        if name in given:
+            values[name] = given[name]
+        elif node == Nodetype.BASE:
+            values[name] = {"string": "", "bool": False}.get(what[0], 0.0 if "float" in what[0] else 0)
+        elif node == Nodetype.NAME:
+            values[name] = _made(types, what)
+        else:
+            (inner, of), _ = what
+            plain = inner == Nodetype.BASE and of[0] != "string"
+            values[name] = np.zeros(0, {"bool": np.bool_}.get(of[0], of[0])) if plain else []
+    return types.types[kind](**values)
+
+
+def _message(types: Any, one: CollisionObject) -> Any:
+    """Return an object as a message."""
+    given: dict[str, list[Any]] = {}
+
+    def add(several: str, shape: Any, pose: Array) -> None:
+        given.setdefault(several, []).append(shape)
+        given.setdefault(POSES[several], []).append(_pose_message(types, pose))
+
+    for shape in one.shapes:
+        if shape.mesh is not None:
+            vertices, faces = shape.mesh
+            points = [_made(types, "geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in vertices.tolist()]
+            corners = faces.astype(np.uint32)
+            triangles = [_made(types, "shape_msgs/msg/MeshTriangle", vertex_indices=row) for row in corners]
+            mesh = _made(types, "shape_msgs/msg/Mesh", vertices=points, triangles=triangles)
+            add("meshes", mesh, shape.pose)
+        elif shape.kind == "plane":
+            add("planes", _made(types, "shape_msgs/msg/Plane", coef=shape.sizes.copy()), shape.pose)
+        else:
+            number = next(key for key, kind in KINDS.items() if kind == shape.kind)
+            sizes = shape.sizes[::-1] if shape.kind in ("cylinder", "cone") else shape.sizes
+            solid = _made(types, "shape_msgs/msg/SolidPrimitive", type=number, dimensions=sizes.copy())
+            add("primitives", solid, shape.pose)
+    header = _made(types, "std_msgs/msg/Header", frame_id=one.frame)
+    pose = _pose_message(types, one.pose)
+    return _made(types, OBJECT, header=header, pose=pose, id=one.name, **given)
+
+
+def _pose_message(types: Any, pose: Array) -> Any:
+    w, x, y, z = quaternion_of_rotation(pose[:3, :3]).tolist()
+    at = dict(zip("xyz", pose[:3, 3].tolist(), strict=True))
+    return _made(
+        types,
+        "geometry_msgs/msg/Pose",
+        position=_made(types, "geometry_msgs/msg/Point", **at),
+        orientation=_made(types, "geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+    )
 
 
 def _chosen(path: Path, bag: Any) -> list[Any]:
