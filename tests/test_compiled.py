@@ -103,6 +103,7 @@ def said(folder, code, *arguments):
     environment = {
         **os.environ,
         "NUMBA_CACHE_DIR": "",
+        "PYTHONDONTWRITEBYTECODE": "1",  # Python knows a changed file by its size and the second of its change
         "PYTHONPATH": os.pathsep.join([str(folder), *sys.path]),
     }
     done = subprocess.run(

@@ -6,7 +6,7 @@ from typing import get_args
 import pytest
 
 import comove
-from comove.cli.solve import EffortMode
+from comove.cli.options import EffortMode
 from comove.errors import OptionError
 from comove.planning import LeastJerk
 from comove.planning.convex.costs import jerk_cost

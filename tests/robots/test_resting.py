@@ -10,7 +10,7 @@ import comove
 from comove.model import Scene
 from comove.model.resting import SLOPE, TOLERANCE
 from comove.robots import Robot
-from comove.robots.verification.checks import calibration
+from comove.robots.verification import checks
 from comove.sim import play, simulate
 from comove.sim.loads import hand_poses
 
@@ -67,11 +67,11 @@ def test_arms_lift_a_payload_off_its_stand_and_set_it_down():
 
 
 @pytest.mark.parametrize(("off", "refused"), [(0.0, False), (5e-5, False), (1e-3, True)])
-def test_resting_contacts_allow_for_bases_that_are_not_known_exactly(off, refused):
-    bases, errors = (
-        SimpleNamespace(of_hand=lambda arm, at: (0, off)),
-        SimpleNamespace(hands=np.zeros((2, 1, 3))),
-    )
+def test_resting_contacts_allow_for_bases_that_are_not_known_exactly(off, refused, monkeypatch):
+    monkeypatch.setattr(checks, "Carried", lambda motion: None)
+    monkeypatch.setattr(checks.Displacement, "of", lambda *_: (off, off))
+    bases = SimpleNamespace(turn=0.0, uncertainty=SimpleNamespace(position=off), deviations=None)
     report = SimpleNamespace(clearance_min=0.005, support_distance_min=-TOLERANCE)
-    found = calibration(bases, (None,), errors, SimpleNamespace(report=report))
+    motion, errors = SimpleNamespace(motion=None, report=report), SimpleNamespace(hands=np.zeros((2, 1, 3)))
+    found = checks.displacements(bases, (None,), errors, motion, None)
     assert bool(found.reasons) == refused

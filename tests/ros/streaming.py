@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,20 +72,25 @@ def running(
         stderr=subprocess.STDOUT,
         text=True,
     )
+    bridges = list[int]()
     try:
         yield process
+        bridges = bridges_of(process)
     finally:
         process.send_signal(signal.SIGCONT)
         process.kill()
         process.wait()
+        for bridge in bridges:  # a stopped one would stay
+            with suppress(ProcessLookupError):
+                os.kill(bridge, signal.SIGKILL)
 
 
-def bridge_of(process: subprocess.Popen) -> int:
-    """The number of the process that streams for a run."""
+def bridges_of(process: subprocess.Popen) -> list[int]:
+    """The numbers of the processes that stream for a run."""
     found = subprocess.run(
         ["pgrep", "-P", str(process.pid), "-f", "ros2_stream"], capture_output=True, text=True
     )
-    return int(found.stdout.split()[0])
+    return [int(number) for number in found.stdout.split()]
 
 
 def rows_of(sink: Process) -> dict[str, np.ndarray]:
@@ -142,8 +147,8 @@ def silence(what: str, seconds: float) -> Callable[[subprocess.Popen, Process], 
 FAULTS: dict[str, Callable[[subprocess.Popen, Process], None]] = {
     "comove killed": lambda process, sink: process.kill(),
     "comove stopped": lambda process, sink: process.send_signal(signal.SIGSTOP),
-    "bridge killed": lambda process, sink: os.kill(bridge_of(process), signal.SIGKILL),
-    "bridge stopped": lambda process, sink: os.kill(bridge_of(process), signal.SIGSTOP),
+    "bridge killed": lambda process, sink: os.kill(bridges_of(process)[0], signal.SIGKILL),
+    "bridge stopped": lambda process, sink: os.kill(bridges_of(process)[0], signal.SIGSTOP),
     "joints silent": silence("joints", 60.0),
     "obstacles silent": silence("obstacles", 60.0),
     "Ctrl-C": lambda process, sink: process.send_signal(signal.SIGINT),

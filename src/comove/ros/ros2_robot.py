@@ -6,14 +6,14 @@ commands and writes events, one JSON object a line.
 Commands:
 
     {"do": "serve", "servers": {ACTION: TYPE}, "streams": {TOPIC: "positions" or "trajectory"},
-        "joint_states": TOPIC, "joints": [NAME], "obstacles": TOPIC or null,
-        "sim_time": bool}
+        "joint_states": TOPIC, "joints": [NAME], "obstacles": TOPIC or null, "sim_time": bool}
     {"do": "answer", "goal": NUMBER, "accepted": bool, "reason": TEXT}
     {"do": "feedback", "goal": NUMBER, "stamp": ns, "joints": [NAME], "states": {"desired": {...}, ...}}
     {"do": "progress", "goal": NUMBER, "position": m, "effort": N, "stalled": bool, "reached": bool}   of a gripper
     {"do": "end", "goal": NUMBER, "status": STATUS, "code": NUMBER, "text": TEXT, ...}   and what a progress has
     {"do": "states", "stamp": ns, "position": [rad], "velocity": [rad/s], "effort": [N m]}
     {"do": "clock", "stamp": ns}
+    {"do": "obstacles", "stamp": ns, "centers": [[m]]}      of those that move
 
 Events:
 
