@@ -27,7 +27,7 @@ MAKERS = (
     *("control", "processes", "robots.search", "robots.online", "robots.proposal"),
     *(f"sim.{name}" for name in ("dynamics", "playback", "building", "pictures", "meshes", "world")),
 )
-MOST = 92
+MOST = 94
 PROBE = """
 import json, sys
 sys.argv[0] = "comove"

@@ -72,11 +72,10 @@ def running(
         stderr=subprocess.STDOUT,
         text=True,
     )
-    bridges = list[int]()
     try:
         yield process
-        bridges = bridges_of(process)
     finally:
+        bridges = bridges_of(process)
         process.send_signal(signal.SIGCONT)
         process.kill()
         process.wait()
