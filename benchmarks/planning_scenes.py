@@ -4,8 +4,8 @@
 
 Two Pandas lift a rail off a table (texts, which have no robot) or hold a bar that is attached to one hand (bags, a
 whole scene and what changes it), among random boxes, cylinders and spheres. Each scene goes through `comove scene
-import`, `solve` and `verify`. What touches the payload at its start or goal is drawn again; what touches an arm there
-is not, and such a scene is refused. Needs comove[robot,data].
+import`, `solve` and `verify`. No obstacle is near the payload, or above it, at its start or goal; where one
+touches an arm there, `solve` refuses the scene. Needs comove[robot,data].
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tests.ros.planning_goals import BAR, Cell, Wire, moved, pose
 SCENE, TOPIC = "moveit_msgs/msg/PlanningScene", "/monitored_planning_scene"
 KINDS = {"box": (1, 3), "sphere": (2, 1), "cylinder": (3, 2)}
 """Number in `shape_msgs/SolidPrimitive`, and number of sizes."""
-AWAY = 0.16  # m, of an obstacle's centre from the axis of the payload at its start and goal
+AWAY = 0.16  # m, of an obstacle's centre from the payload's axis, and all above it, at its ends
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,10 @@ def drawn(random: np.random.Generator, ends: list[np.ndarray], length: float) ->
 
 
 def _distance(point: np.ndarray, middle: np.ndarray, length: float) -> float:
+    """Return the distance from a payload and all above it, where the hands are."""
     along = np.clip(point[1] - middle[1], -0.5 * length, 0.5 * length)
-    return float(np.linalg.norm(point - middle - [0.0, along, 0.0]))
+    above = max(point[2] - middle[2], 0.0)
+    return float(np.linalg.norm(point - middle - [0.0, along, above]))
 
 
 def text(path: Path, random: np.random.Generator, *, poses: bool) -> list[str]:
