@@ -196,7 +196,7 @@ class Wire:
         """The request of a goal as the server gets it."""
         message = self.make("moveit_msgs/msg/MotionPlanRequest", goal["request"])
         found = _fields(message)
-        found["n_references"] = len(found.pop("reference_trajectories"))
+        del found["reference_trajectories"]
         del found["start_state"]
         return found
 

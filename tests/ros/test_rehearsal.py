@@ -393,13 +393,13 @@ def test_a_rate_that_is_not_possible_is_told(rate):
 
 
 class Command:
-    """`comove simulate DIR --ros 2` in a process of its own, whose lines are kept."""
+    """A command of comove in a process of its own, whose lines are kept."""
 
-    def __init__(self, ros, folder, *options):
+    def __init__(self, ros, *words):
         environment = {**os.environ, "COMOVE_ROS_PYTHON": ros.python}
-        words = [sys.executable, "-m", "comove", "simulate", str(folder), "--ros", "2", *options]
+        arguments = [sys.executable, "-m", "comove", *map(str, words)]
         self.process = subprocess.Popen(
-            words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+            arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
         )
         self.lines, self.told = queue.Queue(), []
         threading.Thread(target=self._listen, daemon=True).start()
@@ -456,7 +456,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_command_offers_carries_and_tells_at_ctrl_c(alone, folder, verified):
-    with Command(alone, folder) as command:
+    with Command(alone, "simulate", folder, "--ros", "2") as command:
         command.wait_for("ready; Ctrl-C ends it")
         words = "\n".join(command.told)
         for part in (LEFT, RIGHT, "/joint_states, 14 joints, 100 Hz", "/left_position_controller/commands"):
@@ -474,7 +474,7 @@ def test_the_command_offers_carries_and_tells_at_ctrl_c(alone, folder, verified)
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGKILL", "the other process"])
 def test_the_end_of_either_process_ends_both(alone, folder, how):
-    with Command(alone, folder) as command:
+    with Command(alone, "simulate", folder, "--ros", "2") as command:
         command.wait_for("ready")
         child = command.child()
         if how == "the other process":

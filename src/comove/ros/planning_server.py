@@ -230,7 +230,10 @@ class MotionPlanner:
         except InputError as error:
             raise Refusal.of(ErrorCode.PLANNING_FAILED, error) from None
         if found.interrupted:
-            raise Refusal(ErrorCode.PREEMPTED, "the request was cancelled while it was planned for")
+            raise Refusal(
+                ErrorCode.PREEMPTED,
+                "the request was cancelled, or the server ended, while it was planned for",
+            )
         if not found.verified:
             reasons = found.reasons if found.motion is None else found.joints.reasons
             code = ErrorCode.TIMED_OUT if found.timed_out else ErrorCode.PLANNING_FAILED
@@ -400,7 +403,10 @@ class PlanningServer:
         answer: dict[str, Any] = {"status": "ABORTED"}
         try:
             if self._is_over(goal, stop):
-                raise Refusal(ErrorCode.PREEMPTED, "the request was cancelled before it was planned for")
+                raise Refusal(
+                    ErrorCode.PREEMPTED,
+                    "the request was cancelled, or the server ended, before it was planned for",
+                )
             self._live.process.tell({"do": "begin", "goal": goal})
             planned = self.planner.plan(
                 event["request"],

@@ -157,7 +157,6 @@ class MoveItNode(Ros2Node):
         with suppress(Exception):  # without an answer, what was heard before stands
             self.ask()
         given = {name: fields(getattr(request, name)) for name in names_in(request) if name not in KEPT}
-        given["n_references"] = len(request.reference_trajectories)
         more = [] if is_empty(change) else [change]
         if not is_empty_state(request.start_state):
             start = type(change)(is_diff=True, robot_state=request.start_state)
