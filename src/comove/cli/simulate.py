@@ -146,17 +146,21 @@ def rehearse(
     simulated = SimulatedRobot(
         motion.joints, motion.scene, motion.robot, grasp, perturbation, present=present
     )
-    interruption, ended = Interruption(), ""  # a second Ctrl-C ends the context below wherever it is
+    # A second Ctrl-C ends the context below wherever it is.
+    interruption, ended, delivered = Interruption(), "", False
     with interruption.noticed(), Rehearsal(simulated, names, settings, tell=_say_now) as rehearsal:
         _say_now(*in_rows(rehearsal.offers()), "ready; Ctrl-C ends it")
-        with without_log():
-            ended = rehearsal.run(lambda: interruption.wished)
-    report = simulated.report()
-    names_of = motion.scene.name, motion.robot.name, type(grasp).__name__.lower()
-    _say_now(*rehearsal_text(report, *names_of).splitlines())
+        try:
+            with without_log():
+                ended = rehearsal.run(lambda: interruption.wished)
+        finally:
+            report = simulated.report()
+            names_of = motion.scene.name, motion.robot.name, type(grasp).__name__.lower()
+            _say_now(*rehearsal_text(report, *names_of).splitlines())
+            delivered = report.delivered
     if ended:
         say(f"error: {ended}", file=sys.stderr)
-    return VERIFIED if report.delivered and not ended else NOT_VERIFIED
+    return VERIFIED if delivered and not ended else NOT_VERIFIED
 
 
 def _say_now(*lines: str) -> None:
