@@ -30,9 +30,10 @@ from comove.robots.online.streamed import StreamedRun, StreamTiming
 from comove.ros.priority import COMMANDING, priority
 from comove.ros.streams import Braked, CommandStream, Played, SeenObstacle
 
-BEGINNING = 1.0  # s, in which the arms go from where they are to where the plan begins
+SLOWLY = 0.02  # rad/s, at most, with which joints go from where they rest to where a command is computed for
 AWAY = 0.01  # rad, of a joint from the beginning of the plan, at most
 AGAIN = 0.2  # s that everything must be in time before a run goes on
+NEARER = -2  # number of commands that are not the executor's
 PATIENCE = 10.0  # s, in which it is in time again
 
 
@@ -158,17 +159,23 @@ class _Run:
         executor, stream = self.executor, self.stream
         measured, wanted = stream.position, executor.position
         self.zero = time.monotonic() if zero is None else zero
-        n_steps = max(2, round(BEGINNING / self.period))
         stream.begin(measured)
-        begun = time.monotonic()
-        for k, share in enumerate(minimum_jerk(np.linspace(0.0, 1.0, n_steps + 1))[1:]):
-            self._wait(begun + k * self.period)
-            stream.follow(self.run, -2, measured + share * (wanted - measured))
-        self._wait(begun + (n_steps + stream.lead + 2) * self.period)
-        now = time.monotonic() + stream.lead * self.period
+        now = self._go_slowly(measured, wanted)
         if zero is None:
             self.zero = now
         executor.let_pass(now - self.zero)
+
+    def _go_slowly(self, here: Array, there: Array) -> float:
+        """Go to joints from others, (n_joints,) [rad], both at rest; return when the next command is played [s]."""
+        most = float(
+            np.abs(there - here).max()
+        )  # the fastest instant of least jerk has 1.875 times the mean speed
+        n_steps, begun = 2 + int(1.875 * most / (SLOWLY * self.period)), time.monotonic()
+        for k, share in enumerate(minimum_jerk(np.linspace(0.0, 1.0, n_steps + 1))[1:]):
+            self._wait(begun + k * self.period)
+            self.stream.follow(self.run, NEARER, here + share * (there - here))
+        self._wait(begun + (n_steps + self.stream.lead + 2) * self.period)
+        return time.monotonic() + self.stream.lead * self.period
 
     def go(self, budget: float) -> None:
         """Command until the end."""
@@ -186,7 +193,7 @@ class _Run:
                 if self.given_up:
                     return
                 try:
-                    command = executor.command(self.stream.position)
+                    command = executor.step(self.stream.position)
                 except RobotError as error:
                     self.given_up = error.message
                     return
@@ -244,7 +251,7 @@ class _Run:
         except RobotError as error:
             self.given_up = error.message
             return False
-        self.executor.let_pass(time.monotonic() + self.stream.lead * self.period - self.zero)
+        self.executor.let_pass(self._go_slowly(stop.position, self.executor.position) - self.zero)
         return True
 
     def ended(self, played: Played) -> StreamedRun:
