@@ -228,7 +228,7 @@ def test_an_arm_that_gives_up_stops_the_other(robot, brief):
 def test_an_arm_that_lags_is_stopped(robot, brief, how):
     servers, client = robot(right=how)
     error = fails(client, brief, "the joint 'right_.*' is 0.2.* rad off the motion")
-    assert error.outcome.deviation > BRIEF.path
+    assert error.outcome.deviation > 0.2
     for server in servers.values():
         server.wait_for("stopped")
 

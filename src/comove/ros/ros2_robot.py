@@ -218,7 +218,7 @@ class RobotNode:
         if sim_time:
             self.serve_clock()
         self.servers = [ServedAction(self, name, kind) for name, kind in servers.items()]
-        self.streamed = rclpy.create_node("comove_simulated_streams", parameter_overrides=simulated)
+        self.streamed = rclpy.create_node("comove_simulated_streams")
         self.listen(streams)
         if obstacles is not None:
             self.serve_obstacles(obstacles)
@@ -230,7 +230,8 @@ class RobotNode:
             thread = threading.Thread(target=self.spin, args=(executor,), daemon=True)
             thread.start()
             self.spun.append((executor, thread))
-        prioritise_all(SIMULATING)
+        if not sim_time:  # which waits
+            prioritise_all(SIMULATING)
         self.tell(
             "serving",
             distribution=os.environ.get("ROS_DISTRO", ""),
