@@ -27,7 +27,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -40,7 +40,17 @@ sys.path.insert(0, str(ROOT))
 
 from comove.robots import VerifiedJointMotion, verify_stored  # noqa: E402
 from comove.ros import SendError, Tolerances, send  # noqa: E402
-from tests.ros.robots import JAZZY, KILTED, NOETIC, Process, Ros, dds_domain  # noqa: E402
+from tests.ros.robots import (  # noqa: E402
+    JAZZY,
+    KILTED,
+    NOETIC,
+    Host,
+    Process,
+    Ros,
+    dds_domain,
+    may_have_hosts,
+    second_host,
+)
 
 VERSIONS = {ros.name: ros for ros in (NOETIC, JAZZY, KILTED)}
 SCENES = (
@@ -127,15 +137,20 @@ def solved(path: Path, folder: Path) -> VerifiedJointMotion:
 
 @contextmanager
 def arms_at_start(
-    ros: Ros, motion: VerifiedJointMotion, environment: Mapping[str, str], faults: Mapping[str, str]
+    ros: Ros,
+    motion: VerifiedJointMotion,
+    environment: Mapping[str, str],
+    faults: Mapping[str, str],
+    hosts: Mapping[str, Host] | None = None,
 ) -> Iterator[dict[str, Process]]:
-    """Yield servers of all arms with joints at the motion's start."""
+    """Yield servers of all arms, on hosts of their own where given, with joints at the motion's start."""
     names, first = motion.robot.joint_names, motion.joints.position[0]
     with ExitStack() as running:
         servers = {}
         for arm in motion.robot.arms:
             position = {names[column]: float(first[column]) for column in arm.columns}
-            server = ros.server(arm.name, position, environment, fault=faults.get(arm.name))
+            host = (hosts or {}).get(arm.name)
+            server = ros.server(arm.name, position, environment, fault=faults.get(arm.name), host=host)
             servers[arm.name] = running.enter_context(server)
         for server in servers.values():
             server.wait_for("ready")
@@ -267,11 +282,13 @@ FAULTS: dict[str, tuple[Callable[[Run], None], str | None]] = {
     "arm is slow": (arm_fails, "slow"),
     "clock of the robot is late": (arm_fails, "skewed"),
     "joint states fall silent": (arm_fails, "silent"),
+    "network of an arm is cut": (in_middle(lambda this, _: this.servers[this.victim].host.cut()), None),
 }
 """Runs by what fails, and the fault that the victim's server has from the beginning."""
+ON_A_SECOND_HOST = "network"  # is the victim's server
 NOT_VICTIM = ("bridge", "comove", "a client")
-WITHIN = ("server", "bridge", "comove", "another")  # whose fault has an instant
-NOT_IN_ROS1 = ("another client's goal",)
+WITHIN = ("server", "bridge", "comove", "another", "network")  # whose fault has an instant
+NOT_IN_ROS1 = ("another client's goal", "network of an arm is cut")
 
 
 def spread(times: list[float]) -> str:
@@ -324,13 +341,23 @@ def main() -> None:
                 continue
             if ros.version == 1 and name in NOT_IN_ROS1:
                 continue
+            apart = name.startswith(ON_A_SECOND_HOST)
+            if apart and not may_have_hosts():
+                print(
+                    f"{name}: not tried, since this host may make no network namespaces (iproute2, as root)\n"
+                )
+                continue
             told, stood, moved_on, reasons = list[float](), list[float](), 0, dict[str, int]()
             for k in range(options.repeats):
                 victim = "" if name.startswith(NOT_VICTIM) else arms[k % len(arms)]
                 faults = {} if of_server is None else {victim: of_server}
-                with arms_at_start(ros, motion, environment, faults) as servers:
-                    this = Run(ros, motion, place, environment, servers, victim, rng)
-                    fault(this)
+                with second_host() if apart else nullcontext() as host:
+                    there = environment if host is None else host.domain
+                    os.environ.update(there)
+                    hosts = {} if host is None else {victim: host}
+                    with arms_at_start(ros, motion, there, faults, hosts) as servers:
+                        this = Run(ros, motion, place, there, servers, victim, rng)
+                        fault(this)
                 told += this.told if name.startswith(WITHIN) else []
                 stood += this.stood if name.startswith(WITHIN) else []
                 moved_on += this.moved_on

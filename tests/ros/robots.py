@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +36,40 @@ STARTING = 15.0  # s, that a master may need
 QUICK = HERE / "quick.xml"  # a profile of Fast DDS, with which nodes find each other at once
 
 
-class Process:
-    """A process whose lines are events; a context that ends it."""
+@dataclass(frozen=True)
+class Host:
+    """A network namespace of its own, wired to this one: a computer beside this one for what ROS sees.
 
-    def __init__(self, arguments: Sequence[str], environment: Mapping[str, str]):
+    Attributes
+    ----------
+    name : name of the namespace, and of the wire's end here
+    domain : environment in which nodes of ROS 2 on both find each other
+    """
+
+    name: str
+    domain: dict[str, str]
+
+    @property
+    def prefix(self) -> list[str]:
+        """The beginning of a command that runs there."""
+        return ["ip", "netns", "exec", self.name]
+
+    def cut(self) -> None:
+        """Pull the wire."""
+        _ip("link", "set", self.name, "down")
+
+
+def _ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True)
+
+
+class Process:
+    """A process, on this host or another, whose lines are events; a context that ends it."""
+
+    def __init__(self, arguments: Sequence[str], environment: Mapping[str, str], host: Host | None = None):
+        self.host = host
         self.process = subprocess.Popen(
-            arguments,
+            [*(host.prefix if host else ()), *arguments],
             env={**os.environ, **environment},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -135,6 +163,36 @@ def _environment(domain: int, quick: bool) -> dict[str, str]:
     }
 
 
+@cache
+def may_have_hosts() -> bool:
+    """Whether this host may have a second one beside it."""
+    try:
+        with second_host():
+            return True
+    except (OSError, subprocess.CalledProcessError):
+        return False
+
+
+@contextmanager
+def second_host() -> Iterator[Host]:
+    """Lend a second host. `CalledProcessError` or `OSError` where this one may have none."""
+    with dds_domain(quick=False) as domain:
+        number = int(domain["ROS_DOMAIN_ID"])  # nobody else has it
+        here, there, name = f"10.77.{number}.1/24", f"10.77.{number}.2/24", f"comove{number}"
+        inside = ("-n", name)
+        _ip("netns", "add", name)
+        try:
+            _ip("link", "add", name, "type", "veth", "peer", "name", "wire", "netns", name)
+            _ip("addr", "add", here, "dev", name)
+            _ip(*inside, "addr", "add", there, "dev", "wire")
+            for words in (("set", "lo"), ("set", "wire")):
+                _ip(*inside, "link", *words, "up")
+            _ip("link", "set", name, "up")
+            yield Host(name, {**domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})
+        finally:
+            _ip("netns", "del", name)  # the wire goes with it
+
+
 @dataclass(frozen=True)
 class Ros:
     """A version of ROS that may be installed here.
@@ -173,7 +231,11 @@ class Ros:
         return RosClient((self.version,), python=self.python, **settings)
 
     def sink(
-        self, robot: Robot, position: Sequence[float], obstacles: Mapping[str, Any] | None = None
+        self,
+        robot: Robot,
+        position: Sequence[float],
+        obstacles: Mapping[str, Any] | None = None,
+        host: Host | None = None,
     ) -> Process:
         """Start a robot that is where its streamed commands say; it is there at its event "ready"."""
         arms = {arm.name: [robot.joint_names[column] for column in arm.columns] for arm in robot.arms}
@@ -182,7 +244,7 @@ class Ros:
             "position": dict(zip(robot.joint_names, np.asarray(position).tolist(), strict=True)),
             "obstacles": obstacles,
         }
-        return Process([self.python, str(HERE / "ros2_sink.py"), json.dumps(settings)], {})
+        return Process([self.python, str(HERE / "ros2_sink.py"), json.dumps(settings)], {}, host)
 
     def server(
         self,
@@ -194,12 +256,16 @@ class Ros:
         states: bool = True,
         action: str | None = None,
         gripper: str | None = None,
+        host: Host | None = None,
     ) -> Process:
-        """Start the server of an arm whose joints are at `position` [rad]; it is there at its event "ready"."""
+        """Start the server of an arm whose joints are at `position` [rad], on this host unless another is given.
+
+        It is there at its event "ready".
+        """
         settings = {"arm": arm, "position": dict(position), "action": action or self.action(arm)}
         settings |= {"fault": fault, "states": states, "gripper": gripper}
         program = HERE / f"ros{self.version}_server.py"
-        return Process([self.python, str(program), json.dumps(settings)], environment)
+        return Process([self.python, str(program), json.dumps(settings)], environment, host)
 
 
 NOETIC = Ros(

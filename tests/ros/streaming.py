@@ -11,9 +11,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import yaml
@@ -21,10 +22,11 @@ import yaml
 from comove.robots import VerifiedJointMotion
 from comove.robots.files import verified_against
 from tests.robots.small_robots import EXAMPLES
-from tests.ros.robots import Process, Ros
+from tests.ros.robots import Process, Ros, second_host
 
 MOVED = 0.02  # rad, by which a joint has moved when something fails
 STEP = 1e-9  # rad, from which on two commands differ
+CUT = "network cut"
 REST = 3.0  # s, in which arms must have come to rest for good
 OBSTACLES = "/seen"
 FAR = {
@@ -82,6 +84,18 @@ def running(
         for bridge in bridges:  # a stopped one would stay
             with suppress(ProcessLookupError):
                 os.kill(bridge, signal.SIGKILL)
+
+
+@contextmanager
+def standing(ros: Ros, plan: VerifiedJointMotion, fault: str = "") -> Iterator[Process]:
+    """A robot at the beginning of a plan, on a host of its own where the network will be cut."""
+    with (
+        second_host() if fault == CUT else nullcontext() as host,
+        patch.dict(os.environ, host.domain if host else {}),
+        ros.sink(plan.robot, plan.joints.position[0], FAR, host) as sink,
+    ):
+        sink.wait_for("ready")
+        yield sink
 
 
 def bridges_of(process: subprocess.Popen) -> list[int]:
@@ -150,6 +164,7 @@ FAULTS: dict[str, Callable[[subprocess.Popen, Process], None]] = {
     "bridge stopped": lambda process, sink: os.kill(bridges_of(process)[0], signal.SIGSTOP),
     "joints silent": silence("joints", 60.0),
     "obstacles silent": silence("obstacles", 60.0),
+    CUT: lambda process, sink: sink.host.cut(),
     "Ctrl-C": lambda process, sink: process.send_signal(signal.SIGINT),
 }
 """What may fail while arms move, and how."""

@@ -8,8 +8,17 @@ import pytest
 from comove.errors import SendError
 from comove.robots import Robot
 from comove.ros.streams import CommandStream, StreamNames, StreamSettings
-from tests.ros.robots import JAZZY, KILTED
-from tests.ros.streaming import FAR, FAULTS, OBSTACLES, planned, rest_after, running, wait_until_it_moves
+from tests.ros.robots import JAZZY, KILTED, may_have_hosts
+from tests.ros.streaming import (
+    CUT,
+    FAULTS,
+    OBSTACLES,
+    planned,
+    rest_after,
+    running,
+    standing,
+    wait_until_it_moves,
+)
 from tests.ros.test_rehearsal import in_network
 
 pytestmark = pytest.mark.slow
@@ -32,9 +41,7 @@ def ros(request):
 
 @pytest.fixture
 def sink(ros, known):
-    _, _, plan = known
-    with ros.sink(plan.robot, plan.joints.position[0], FAR) as sink:
-        sink.wait_for("ready")
+    with standing(ros, known[2]) as sink:
         yield sink
 
 
@@ -49,9 +56,14 @@ def test_a_run_arrives(ros, known, sink, tmp_path):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_arms_stand_when_something_dies(ros, known, sink, tmp_path, fault):
+def test_arms_stand_when_something_dies(ros, known, tmp_path, fault):
     scene, folder, plan = known
-    with running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process:
+    if fault == CUT and not may_have_hosts():
+        pytest.skip("needs network namespaces: iproute2, as root")
+    with (
+        standing(ros, plan, fault) as sink,
+        running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process,
+    ):
         wait_until_it_moves(sink, process)
         at = time.monotonic()
         FAULTS[fault](process, sink)
