@@ -2,12 +2,14 @@
 
     python benchmarks/streams.py                     # ROS 2 Kilted: 10 runs of a minute, every fault twice
     python benchmarks/streams.py --ros jazzy --runs 0 --repeats 20
+    python benchmarks/streams.py --one-controller --runs 5 --repeats 0
 
 Runs: two UR10 in MuJoCo (`comove simulate --ros 2`) wait with a bar until a gate has slid aside, and set it down
 behind; `comove run --ros 2` commands them at 250 Hz and gets its place from a topic. Instants at which the gate
 opens, and seeds, are drawn. Columns: seconds that the run took; stops that were not commanded; time between commands,
 median, 99.9 % and most; from the gate's measurement until a command is played that knows it, median and 99.9 %;
-contacts of the simulator; largest force inside the payload.
+contacts of the simulator; largest force inside the payload. Two controllers get their commands at slightly different
+instants; one of both arms gets them at once.
 
 Faults: while commands move a robot that is where they say (`tests/ros/ros2_sink.py`), something fails. Columns: time
 until the last command that moves an arm, median and most; between both arms; change of the hands' distance; how often
@@ -37,6 +39,7 @@ from timing import number, print_table
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
+from comove.robots import find_description  # noqa: E402
 from tests.ros.robots import JAZZY, KILTED, Ros, may_have_hosts  # noqa: E402
 from tests.ros.streaming import (  # noqa: E402
     CUT,
@@ -60,6 +63,7 @@ def main() -> None:
     parser.add_argument("--ros", choices=("kilted", "jazzy"), default="kilted")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="duration of the scenes [s]")
+    parser.add_argument("--one-controller", action="store_true", help="of both arms, in the runs")
     parser.add_argument("--repeats", type=int, default=2, help="of every fault")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
@@ -69,7 +73,8 @@ def main() -> None:
         os.environ.update(environment)
         if options.runs:
             rng = np.random.default_rng(options.seed)
-            rows = [run_once(ros, Path(folder), rng, options.seconds, k) for k in range(options.runs)]
+            robot = with_one_controller(Path(folder)) if options.one_controller else None
+            rows = [run_once(ros, Path(folder), rng, options.seconds, k, robot) for k in range(options.runs)]
             print_table(
                 [
                     "run",
@@ -122,9 +127,21 @@ def main() -> None:
             )
 
 
-def run_once(ros: Ros, folder: Path, rng: np.random.Generator, seconds: float, k: int) -> list[str]:
-    """Run one scene; return its row."""
+def with_one_controller(folder: Path) -> Path:
+    """Write a description of the scene's robot with one controller of both arms; return its file."""
+    robot = yaml.safe_load(GATE.read_text(encoding="utf-8"))["robot"]
+    data = yaml.safe_load(find_description(robot).read_text(encoding="utf-8"))
+    path = folder / "one_controller.yaml"
+    path.write_text(yaml.safe_dump({**data, "ros": {"commands": "/both_position_controller/commands"}}))
+    return path
+
+
+def run_once(
+    ros: Ros, folder: Path, rng: np.random.Generator, seconds: float, k: int, robot_file: Path | None
+) -> list[str]:
+    """Run one scene, with a robot of its own where one is given; return its row."""
     data = yaml.safe_load(GATE.read_text(encoding="utf-8"))
+    data |= {} if robot_file is None else {"robot": str(robot_file)}
     opens = float(rng.uniform(0.55, 0.7)) * seconds
     gate = data["obstacles"][0]["motion"]
     gate["times"] = [0.0, opens, opens + 4.0]
