@@ -174,7 +174,9 @@ def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
 
 def run_rows(measures: Mapping[str, Any]) -> list[Row]:
     """Return the measures of a robot's online run, as `motion_rows`; distances are sampled."""
-    return [*_rows(_ROBOT_RUN, measures), *gripper_rows(measures.get(NO_GRIPPER))]
+    told = "moving obstacles", "as they were measured, which nothing here can verify", ""
+    rows = [told] if measures.get("obstacles") == "measured" else []
+    return [*_rows(_ROBOT_RUN, measures), *rows, *gripper_rows(measures.get(NO_GRIPPER))]
 
 
 def gripper_rows(arms: Iterable[str] | None) -> list[Row]:
@@ -476,7 +478,7 @@ def _of_robot_run(
         scene=record.scene,
         against=against,
         reasons=report.reasons,
-        rows=tuple(run_rows(vars(report))),
+        rows=tuple(run_rows({**(summary or {}), **vars(report)})),
         summary=summary or {},
         robot=record.robot,
         online=record,

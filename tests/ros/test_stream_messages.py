@@ -50,7 +50,7 @@ def test_markers_have_namespaces_or_numbers(bridge):
         )
 
     message = Message(markers=[marker("cart", 7, at=5), marker("", 3, at=9), marker("gone", 1, action=2)])
-    assert bridge.centers_of_markers(message) == (9, "world", {"cart": [7, 0, 0], "3": [3, 0, 0]})
+    assert bridge.centers_of_markers(message) == (5, "world", {"cart": [7, 0, 0], "3": [3, 0, 0]})
     two = Message(markers=[marker("a", 1), marker("b", 2, frame="camera")])
     assert bridge.centers_of_markers(two)[1] == "camera, world"  # which is no frame of a scene
 
@@ -88,3 +88,13 @@ def test_an_object_without_orientation_or_shape(bridge):
     assert bridge.center_of_object(item) == [1.0, 2.0, 0.0]
     item.primitive_poses = []
     assert bridge.center_of_object(item) == [1.0, 0.0, 0.0]
+
+
+def test_a_silent_joint_counts_though_others_speak(bridge, monkeypatch):
+    clock = iter(range(100))
+    monkeypatch.setattr(bridge.time, "monotonic", lambda: float(next(clock)))
+    joints = bridge.MeasuredJoints(["a", "b"])
+    joints.take({"a": 0.0, "b": 0.0})
+    for _ in range(5):
+        joints.take({"a": 0.0})
+    assert joints.silence() == 6.0

@@ -317,3 +317,78 @@ def test_names_of_topics(planned):
     assert StreamNames.of(robot, commands="/arms").topics(arms) == {"/arms": ["a", "b", "c"]}
     described = robot.description.model_copy(update={"ros": RosNames(commands="/own")})
     assert StreamNames.of(replace(robot, description=described)).commands == "/own"
+
+
+@pytest.mark.slow
+def test_arms_wait_while_one_joint_is_silent(planned, connected):
+    """The others go on to be told."""
+    bridge = connected()
+    usual, name = bridge.news, planned[1].robot.joint_names[3]
+
+    def news(wait):
+        found = usual(wait)
+        for event in found:
+            if event["event"] == "joints" and 100 < len(bridge.rows) < 200:
+                event["position"] = {joint: q for joint, q in event["position"].items() if joint != name}
+        return found
+
+    bridge.news = news
+    run, _ = run_of(planned)
+    still = (np.abs(np.diff(run.commanded, axis=0)).max(axis=1) == 0.0).sum() * run.period
+    assert run.arrived and run.stops and still > 0.3
+
+
+@pytest.mark.slow
+def test_a_stamp_from_the_future_does_not_blind(planned, connected):
+    """Of a cart that moves on; and the record tells where it was while the arms braked."""
+    scene, plan = planned
+    moves = {"waypoints": [[0.7, 3.0, 0.3], [0.7, 3.1, 0.3]], "times": [0.0, 3.0]}
+    data = scene.file.model_dump(mode="json", exclude_none=True)
+    cart = {"name": "cart", "shape": "sphere", "center": [0.7, 3.0, 0.3], "radius": 0.1, "motion": moves}
+    seen = Scene.from_dict({**data, "obstacles": [*data.get("obstacles", []), cart]})
+    bridge, names = connected(obstacles={"cart": [0.7, 3.0, 0.3]}), moving_names(seen)
+    stream = CommandStream(plan.robot, StreamNames(obstacles="/seen"), QUICK, obstacles=names)
+    observer = Observed(seen, Sensor(noise=0.005))
+    zero = await_obstacles(stream, observer, 2.0)
+    executor = JointExecutor(seen, plan.robot, observer, plan=plan, settings=SETTINGS)
+    usual, begun = bridge.news, time.monotonic()
+
+    def news(wait):
+        found, since = usual(wait), time.monotonic() - begun
+        for event in found:
+            if event["event"] == "obstacles":
+                event["centers"] = {"cart": [0.7, 3.0 + 0.1 * min(since, 2.0), 0.3]}
+                event["time"] += 1000.0 if 0.5 < since < 0.52 else 0.0
+        return found
+
+    bridge.news = news
+    bridge.silent["joints"] = 0.0
+    steps, step = iter(range(10**6)), executor.step
+
+    def stepped(measured):
+        if next(steps) == 60:
+            bridge.silent["joints"] = time.monotonic() + 1.0
+        return step(measured)
+
+    executor.step = stepped
+    run = run_streamed(executor, stream, 20.0, zero=zero)
+    (number,) = names
+    assert run.arrived and run.stops
+    assert abs(run.obstacles[-1, number, 1] - 3.2) < 0.03
+    moved = run.obstacles[~run.held, number, 1]
+    assert np.ptp(moved) > 0.05  # as it went on while they braked and stood
+
+
+def test_a_forged_brake_is_found(planned, connected, tmp_path):
+    """Arms that brake leave the grasp by rounding, and not by as much as a record likes."""
+    connected()
+    run, executor = run_of(planned)
+    record = streamed(run)
+    report = judge_run(record)
+    record.braked = [True] * len(record.time)
+    for nodes in record.nodes[50:-50]:
+        nodes += 0.02
+    more = {"obstacles": "scene", "executed": "ros2"}
+    write_robot_run(tmp_path, record, report, executor.log, seed=0, wall_time_s=1.0, more=more)
+    _, found = verify_robot_run(read_robot_run(tmp_path), run.scene, run.robot)
+    assert any("braking arms is off the load" in reason for reason in found.reasons)

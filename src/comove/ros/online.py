@@ -42,8 +42,21 @@ class _Sent:
     """What is noted of the commands that were sent, by their number."""
 
     nodes: list[Array] = field(default_factory=list)
-    obstacles: list[Array] = field(default_factory=list)
     known: list[float] = field(default_factory=list)
+
+
+@dataclass
+class _Seen:
+    """Where obstacles were taken to be, by instants of the monotonic clock [s]."""
+
+    time: list[float] = field(default_factory=list)
+    centers: list[Array] = field(default_factory=list)
+
+    def at(self, instants: Array) -> Array:
+        """Return the last centres before instants; arrays, (n,) -> (n, n_obstacles, 3) [m]."""
+        order = np.argsort(self.time, kind="stable")  # commands are computed ahead of their time
+        last = np.searchsorted(np.array(self.time)[order], instants, side="right") - 1
+        return np.array(self.centers)[order[np.maximum(last, 0)]]
 
 
 def moving_names(scene: Scene) -> dict[int, str]:
@@ -71,7 +84,8 @@ def await_obstacles(stream: CommandStream, observer: Observed, within: float) ->
                 way_out="tell it on the topic of --obstacles, by this name or by its number among those that move",
             )
         for seen in stream.news(0.05):
-            first[seen.number] = seen
+            if seen.time <= time.monotonic() + stream.settings.clock:
+                first[seen.number] = seen
     zero = max((seen.time for seen in first.values()), default=time.monotonic())
     for seen in first.values():
         observer.update(seen.number, seen.center[: observer.scene.n_dims], 0.0)
@@ -147,7 +161,7 @@ class _Run:
         self.period, self.sent = executor.period, _Sent()
         self.number, self.run, self.zero = 0, 0, 0.0
         self.given_up, self.stops = "", list[str]()
-        self.known, self.interruption = -np.inf, Interruption()
+        self.known, self.interruption, self.seen = -np.inf, Interruption(), _Seen()
 
     @property
     def due(self) -> float:
@@ -205,13 +219,18 @@ class _Run:
     def _note(self) -> None:
         """Note what the last command was made from."""
         executor, sent = self.executor, self.sent
-        table = executor.observer.observe(executor.time).table
         sent.nodes.append(nodes_of(executor.scene, executor.poses))
-        sent.obstacles.append(table[executor.scene.first_rows, CENTER : CENTER + 3])
+        self._look(self.zero + executor.time)
         sent.known.append(
             self.known if np.isfinite(self.known) else time.monotonic() - self.stream.joints_age
         )
         self.number += 1
+
+    def _look(self, instant: float) -> None:
+        """Note where obstacles are at an instant by the monotonic clock [s]."""
+        table = self.executor.observer.observe(instant - self.zero).table
+        self.seen.time.append(instant)
+        self.seen.centers.append(table[self.executor.scene.first_rows, CENTER : CENTER + 3])
 
     def _wait(self, until: float) -> None:
         """Take in what is measured, until an instant."""
@@ -224,6 +243,8 @@ class _Run:
 
     def _see(self, seen: SeenObstacle) -> None:
         observer = self.executor.observer
+        if seen.time > time.monotonic() + self.stream.settings.clock:
+            return  # later ones would be old news
         if isinstance(observer, Observed) and observer.is_news(seen.number, seen.time - self.zero):
             observer.update(seen.number, seen.center[: observer.scene.n_dims], seen.time - self.zero)
             self.known = seen.time
@@ -240,6 +261,7 @@ class _Run:
         until, since = time.monotonic() + PATIENCE, time.monotonic()
         while time.monotonic() - since < AGAIN:
             self._wait(time.monotonic() + 0.01)
+            self._look(time.monotonic())
             if not self._is_in_time():
                 since = time.monotonic()
             if time.monotonic() > until or self.interruption.wished:
@@ -277,7 +299,7 @@ class _Run:
             measured,
             held,
             nodes,
-            np.array([sent.obstacles[n] for n in latest]).reshape(len(number), -1, 3),
+            self.seen.at(time_of),
             self.executor.arrived,
             self.interruption.wished,
             self.given_up,

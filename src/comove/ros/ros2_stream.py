@@ -19,6 +19,7 @@ from ros2_program import Refused, run
 POSITIONS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 HORIZON = 0.02  # s, between short trajectories
 LOOK = 0.5  # s, between looks at who else commands
+LATE = 3.0  # periods, by which commands may be played too late
 TOLD = 0.1  # s, between reports of what was played
 LEAVING = 5.0  # s, in which arms come to rest when the input has ended
 
@@ -68,15 +69,19 @@ class Stream:
 
 
 class MeasuredJoints:
-    """Joints as measured last, in the order of commands, and when."""
+    """Joints as measured last, in the order of commands, and when each was."""
 
     def __init__(self, order):
-        self.order, self.at, self.position = order, 0.0, {}
+        self.order, self.at, self.position = order, {}, {}
 
     def take(self, position):
         """Note positions by name."""
-        self.at = time.monotonic()
+        self.at.update(dict.fromkeys(position, time.monotonic()))
         self.position.update(position)
+
+    def silence(self):
+        """Return the time since that joint was measured of which nothing came for longest [s]."""
+        return time.monotonic() - min(self.at.values())
 
     def missing(self):
         """Return the names of joints that were never measured."""
@@ -182,7 +187,7 @@ class Ros2Stream(Ros2Node):
         with self.lock:
             self.measured.take(position)
         age = (now - stamp) * 1e-9
-        self.tell("joints", time=self.measured.at - age, age=age, position=position)
+        self.tell("joints", time=time.monotonic() - age, age=age, position=position)
 
     def begin(self, position, velocity, acceleration):
         """Begin to play at joints where the robot rests."""
@@ -205,12 +210,17 @@ class Ros2Stream(Ros2Node):
     def play(self):
         """Play commands until the end."""
         log = PlayedLog(self.tell, max(1, round(TOLD / self.period)))
-        player, due, k = self.player, time.monotonic(), 0
+        player, due, last, k = self.player, time.monotonic(), 0.0, 0
         told, every = player.run - 1, [stream.every for stream in self.streams]
         while not self.over.is_set():
-            due += self.period
+            # What is late is caught up at twice the speed, not at once.
+            due = max(due + self.period, last + 0.5 * self.period)
             time.sleep(max(0.0, due - time.monotonic()))
-            if time.monotonic() - self.measured.at > self.silence:
+            last = time.monotonic()
+            if last - due > LATE * self.period:
+                due = last
+                self.brake("the bridge was late")
+            if self.measured.silence() > self.silence:
                 self.brake("the joints are silent")
             with self.lock:
                 position, number = player.tick()
@@ -286,18 +296,24 @@ def centers_of_poses(message):
     return nanoseconds(message.header.stamp), message.header.frame_id, places
 
 
+def oldest(items):
+    """Return the oldest stamp of some [ns], 0 if none has one."""
+    stamps = [nanoseconds(item.header.stamp) for item in items]
+    return min((stamp for stamp in stamps if stamp), default=0)
+
+
 def centers_of_markers(message):
-    """Return the newest stamp [ns], frame, and centres. Names are namespaces, or numbers without one."""
+    """Return the oldest stamp [ns], frame, and centres. Names are namespaces, or numbers without one."""
     there = [marker for marker in message.markers if marker.action == marker.ADD]
-    stamp = max((nanoseconds(marker.header.stamp) for marker in there), default=0)
+    stamp = oldest(there)
     frames = sorted({marker.header.frame_id for marker in there})
     return stamp, ", ".join(frames), {m.ns or str(m.id): place_of(m.pose) for m in there}
 
 
 def centers_of_objects(objects):
-    """Return the newest stamp [ns], frame, and centres of collision objects."""
+    """Return the oldest stamp [ns], frame, and centres of collision objects."""
     there = [item for item in objects if item.operation != item.REMOVE]
-    stamp = max((nanoseconds(item.header.stamp) for item in there), default=0)
+    stamp = oldest(there)
     frames = sorted({item.header.frame_id for item in there})
     return stamp, ", ".join(frames), {item.id: center_of_object(item) for item in there}
 

@@ -171,7 +171,7 @@ class CommandStream:
         self.kinds, self.ages = frozenset[str](), list[float]()
         self._obstacles = dict(obstacles or {})
         self._numbers = {name: number for number, name in self._obstacles.items()}
-        self._position, self._heard, self._seen_at = dict[str, float](), -np.inf, -np.inf
+        self._position, self._heard, self._seen_at = dict[str, float](), dict[str, float](), -np.inf
         self._braked, self._rows = list[Braked](), list[Event]()
         self._bridge = self._opened(python)
 
@@ -215,8 +215,14 @@ class CommandStream:
 
     @property
     def joints_age(self) -> float:
-        """Return the time since the joints were measured [s]. It is negative for stamps from the future."""
-        return time.monotonic() - self._heard
+        """Return the time since that joint was measured of which nothing came for longest [s].
+
+        It is negative for stamps from the future, and infinite until all are known.
+        """
+        if self._heard.keys() < set(self.robot.joint_names):
+            return np.inf
+        now = time.monotonic()
+        return max((now - at for at in self._heard.values()), key=abs)
 
     @property
     def obstacles_age(self) -> float:
@@ -292,7 +298,7 @@ class CommandStream:
         kind = event["event"]
         if kind == "joints":
             self._position |= event["position"]
-            self._heard = event["time"]
+            self._heard |= dict.fromkeys(event["position"], event["time"])
             self.ages = [*self.ages[-9_999:], event["age"]]
         elif kind == "obstacles":
             return self._seen(event)

@@ -14,19 +14,21 @@ contacts            the simulator's, at every simulation step
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.arrays import Array, first_least
+from comove.arrays import Array, Integers, first_least
 from comove.brief import brief
 from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
+from comove.robots.verification.bodies import links_of
 from comove.robots.verification.checks import without_gripper
+from comove.robots.verification.kinematics import moved_by
 from comove.sim.execution import Contact, distances, work_geometry
 from comove.sim.loads import Load, carried, hand_poses, load_of, points_of
 
@@ -50,8 +52,8 @@ class RunTolerances:
     Attributes
     ----------
     hold_error : of commanded end effectors on the payload, which commands keep to rounding [m; a radian counts 1]
-    squeezed : of the distance change of end effectors in the simulator, with its compliant servos, and as commanded
-        while the arms brake by themselves [m]
+    squeezed : of the distance change of end effectors in the simulator, with its compliant servos, and of commanded
+        end effectors on the payload while the arms brake by themselves [m; a radian counts 1]
     end_error : of the payload at its goal in the simulator [m]
     """
 
@@ -183,7 +185,7 @@ def judge_run(
     speed, acceleration, margin = _limits(record, commanded)
     clearances, nearest = _clearances(record, load, (commanded, measured), stride)
     measures = {
-        "hold_error_max": _hold_error(record, hands),
+        "hold_error_max": _hold_error(record, hands, record.held),
         "distance_error_max": _distance_errors(hand_poses(record.robot, record.scene, measured)),
         "velocity_ratio_max": speed,
         "acceleration_ratio_max": acceleration,
@@ -218,6 +220,9 @@ def _reasons(record: OnlineRecord, m: dict[str, float], hands: Array, limits: Ru
         reasons.append(f"the load ends {m['end_error']:.2g} m from its goal")
     if not m["hold_error_max"] <= limits.hold_error:
         reasons.append(f"a commanded hand is off the load by {m['hold_error_max']:.2g} m or rad")
+    braked = _hold_error(record, hands, ~np.array(record.driven_off))
+    if not braked <= max(limits.squeezed, m["hold_error_max"]):
+        reasons.append(f"a commanded hand of braking arms is off the load by {braked:.2g} m or rad")
     torn = _distance_errors(hands[~np.array(record.driven_off)])
     if not torn <= limits.squeezed:
         reasons.append(f"hands were commanded to change their distance by {torn:.2g} m")
@@ -231,9 +236,8 @@ def _reasons(record: OnlineRecord, m: dict[str, float], hands: Array, limits: Ru
     return reasons
 
 
-def _hold_error(record: OnlineRecord, hands: Array) -> float:
-    """Return the largest commanded grasp error on the payload [m, rad]."""
-    held = record.held
+def _hold_error(record: OnlineRecord, hands: Array, held: NDArray[np.bool_]) -> float:
+    """Return the largest commanded grasp error on the payload at some steps, (n_steps,) [m, rad]."""
     if not held.any():
         return 0.0
     nodes, hands, grasp = np.array(record.nodes)[held], hands[held], record.scene.grasp
@@ -284,13 +288,14 @@ def _clearances(
     with measured joints; names are those of `OnlineReport`."""
     robot = record.robot
     geometry, names, parts = work_geometry(robot, record.scene, load)
-    data, placed, own = robot.model.createData(), geometry.createData(), robot.collision.createData()
+    data, placed = robot.model.createData(), geometry.createData()
     first = robot.collision.ngeoms
     pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    ends = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     links, beyond = range(first), range(first + len(record.scene.motions), geometry.ngeoms)
     kinds = np.array([0 if a in links and b not in beyond else 2 if b in links else 1 for a, b in pairs])
-    least, which, least_own = np.full(3, np.inf), np.full(3, -1), np.inf
-    turned = rotations(record.scene.turns(np.asarray(record.time)))
+    least, which, own = np.full(3, np.inf), np.full(3, -1), _LinkDistances(robot)
+    turned, balls = rotations(record.scene.turns(np.asarray(record.time))), _BoundingBalls(geometry)
     for q, poses in zip(joints, _loads(record, load, joints), strict=True):
         for step in range(0, len(q), stride):
             pin.updateGeometryPlacements(robot.model, data, geometry, placed, q[step])
@@ -298,22 +303,77 @@ def _clearances(
                 placed.oMg[first + i] = pin.SE3(turned[step, i] @ placed.oMg[first + i].rotation, center)
             for item, part in zip(parts, () if load is None else load.parts, strict=True):
                 placed.oMg[item] = pin.SE3(poses[step]) * part.placement
-            distance = np.array(
-                [pin.computeDistance(geometry, placed, k).min_distance for k in range(len(pairs))]
-            )
+            apart = balls.apart(placed, *ends)
             for kind in range(3):
-                numbers = np.flatnonzero(kinds == kind)
-                if len(numbers) and distance[numbers].min() < least[kind]:
-                    which[kind] = numbers[first_least(distance[numbers])]
-                    least[kind] = distance[numbers].min()
-            if step % (4 * stride) == 0 and len(robot.collision.collisionPairs):
-                pin.updateGeometryPlacements(robot.model, data, robot.collision, own, q[step])
-                k = pin.computeDistances(robot.collision, own)
-                least_own = min(least_own, own.distanceResults[k].min_distance)
+                near = np.flatnonzero((kinds == kind) & (apart < least[kind]))
+                if not len(near):
+                    continue
+                distance = np.array(
+                    [pin.computeDistance(geometry, placed, k).min_distance for k in near.tolist()]
+                )
+                if distance.min() < least[kind]:
+                    which[kind], least[kind] = near[first_least(distance)], distance.min()
+            if step % (4 * stride) == 0:
+                own.look(q[step])
     near = int(which[int(np.argmin(least[:2]))])
     nearest = "" if near < 0 else f"{names[pairs[near][0]]} and {names[pairs[near][1]]}"
     measured = ("clearance_scene", "clearance_carried", "clearance_load")
-    return {**dict(zip(measured, least.tolist(), strict=True)), "clearance_self": float(least_own)}, nearest
+    return {**dict(zip(measured, least.tolist(), strict=True)), "clearance_self": own.least}, nearest
+
+
+class _LinkDistances:
+    """Least distance of a robot's links from each other.
+
+    A pair is measured again when it may have come nearer than the least distance: no distance changes by more than
+    the joints' motions times their levers.
+
+    Attributes
+    ----------
+    least : least distance of any pair so far [m]
+    """
+
+    def __init__(self, robot: Robot):
+        links, moved = links_of(robot), moved_by(robot)
+        first, second = links.pairs.T
+        differ = moved[links.joint[first]] != moved[links.joint[second]]
+        self._robot, self._data, self._placed = robot, robot.model.createData(), robot.collision.createData()
+        self._pairs, self.least = [self._number(pair) for pair in links.pairs.tolist()], np.inf
+        self._change = np.where(differ, links.reach[first] + links.reach[second], 0.0)
+        self._distance, self._at = np.full(len(differ), -np.inf), np.zeros((len(differ), robot.model.nv))
+
+    def _number(self, pair: list[int]) -> int:
+        return int(self._robot.collision.findCollisionPair(pin.CollisionPair(*pair)))
+
+    def look(self, q: Array) -> None:
+        """Take in joints (n_joints,) [rad, m]."""
+        possible = self._distance - (self._change * np.abs(q - self._at)).sum(axis=1)
+        near = np.flatnonzero(possible < self.least)
+        if not len(near):
+            return
+        robot = self._robot
+        pin.updateGeometryPlacements(robot.model, self._data, robot.collision, self._placed, q)
+        for k in near.tolist():
+            found = pin.computeDistance(robot.collision, self._placed, self._pairs[k])
+            self._distance[k], self._at[k] = found.min_distance, q
+        self.least = min(self.least, float(self._distance[near].min()))
+
+
+class _BoundingBalls:
+    """Bounding balls of a geometry model's bodies."""
+
+    def __init__(self, geometry: Any):
+        shapes = [item.geometry for item in geometry.geometryObjects]
+        for shape in shapes:
+            shape.computeLocalAABB()
+        self.center = np.array([shape.aabb_center for shape in shapes])
+        self.radius = np.array([shape.aabb_radius for shape in shapes])
+
+    def apart(self, placed: Any, first: Integers, second: Integers) -> Array:
+        """Bound the distances of bodies from below, (n_pairs,) [m]; `placed` is a pinocchio.GeometryData."""
+        center = np.array([place.act(point) for place, point in zip(placed.oMg, self.center, strict=True)])
+        return (
+            np.linalg.norm(center[first] - center[second], axis=1) - self.radius[first] - self.radius[second]
+        )
 
 
 def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array]) -> tuple[Array, Array]:
