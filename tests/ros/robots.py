@@ -236,9 +236,15 @@ class Ros:
         position: Sequence[float],
         obstacles: Mapping[str, Any] | None = None,
         host: Host | None = None,
+        *,
+        reverse: bool = False,
     ) -> Process:
-        """Start a robot that is where its streamed commands say; it is there at its event "ready"."""
-        arms = {arm.name: [robot.joint_names[column] for column in arm.columns] for arm in robot.arms}
+        """Start a robot that is where its streamed commands say; it is there at its event "ready".
+
+        Its controllers may have their joints in the reverse order.
+        """
+        step = -1 if reverse else 1
+        arms = {arm.name: [robot.joint_names[column] for column in arm.columns][::step] for arm in robot.arms}
         settings = {
             "topics": StreamNames.of(robot).topics(arms),
             "position": dict(zip(robot.joint_names, np.asarray(position).tolist(), strict=True)),

@@ -1,9 +1,9 @@
 """A robot in ROS 2 that is where its streamed commands say, with obstacles around it.
 
 Usage: ros2_sink.py '{"topics": {TOPIC: [JOINT]}, "position": {JOINT: rad}, "obstacles": {"topic": TOPIC,
-"kind": TYPE, "frame": NAME, "names": [NAME], "centers": [[m]]}}', run by a Python with rclpy. Reads {"silent":
-"joints" or "obstacles", "for": s} and {"tell": true}, one JSON object a line. Prints "ready", and then at each "tell"
-the commands so far, with instants by the system's monotonic clock.
+"kind": TYPE, "frame": NAME, "names": [NAME], "centers": [[m]]}}', run by a Python with rclpy. Reads one JSON object a
+line: {"silent": "joints" or "obstacles", "for": s}, {"joints": [NAME]}, which its controllers then say they move, and
+{"tell": true}. Prints "ready", and at each "tell" the commands so far, with instants by the system's monotonic clock.
 """
 
 import json
@@ -14,6 +14,7 @@ from importlib import import_module
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -28,10 +29,14 @@ def log(event, **content):
 class Sink:
     def __init__(self, topics, position, obstacles=None):
         self.node = rclpy.create_node("sink")
+        self.controllers = []
         self.position, self.rows, self.silent = dict(position), [], {}
         self.states = self.node.create_publisher(JointState, "/joint_states", 10)
-        for topic, joints in topics.items():
-            self.node.create_subscription(
+        for k, (topic, joints) in enumerate(topics.items()):
+            controller = rclpy.create_node(f"controller{k}")
+            controller.declare_parameter("joints", joints)
+            self.controllers.append(controller)
+            controller.create_subscription(
                 Float64MultiArray, topic, lambda m, joints=joints: self.take(joints, m.data), 10
             )
         self.obstacles = obstacles
@@ -79,17 +84,24 @@ def main():
     rclpy.init()
     sink = Sink(**json.loads(sys.argv[1]))
     executor = SingleThreadedExecutor()
-    executor.add_node(sink.node)
+    nodes = [sink.node, *sink.controllers]
+    for node in nodes:
+        executor.add_node(node)
     threading.Thread(target=executor.spin, daemon=True).start()
     log("ready")
     for line in sys.stdin:
         order = json.loads(line)
         if "silent" in order:
             sink.silent[order["silent"]] = time.monotonic() + order["for"]
+        if "joints" in order:
+            for controller in sink.controllers:
+                controller.set_parameters([Parameter("joints", value=order["joints"])])
+            log("set")
         if "tell" in order:
             log("rows", rows=list(sink.rows))
     executor.shutdown(1.0)
-    sink.node.destroy_node()
+    for node in nodes:
+        node.destroy_node()
     rclpy.shutdown()
 
 

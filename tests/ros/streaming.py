@@ -87,12 +87,17 @@ def running(
 
 
 @contextmanager
-def standing(ros: Ros, plan: VerifiedJointMotion, fault: str = "") -> Iterator[Process]:
-    """A robot at the beginning of a plan, on a host of its own where the network will be cut."""
+def standing(
+    ros: Ros, plan: VerifiedJointMotion, fault: str = "", *, reverse: bool = False
+) -> Iterator[Process]:
+    """A robot at the beginning of a plan, on a host of its own where the network will be cut.
+
+    Its controllers may have their joints in the reverse order.
+    """
     with (
         second_host() if fault == CUT else nullcontext() as host,
         patch.dict(os.environ, host.domain if host else {}),
-        ros.sink(plan.robot, plan.joints.position[0], FAR, host) as sink,
+        ros.sink(plan.robot, plan.joints.position[0], FAR, host, reverse=reverse) as sink,
     ):
         sink.wait_for("ready")
         yield sink

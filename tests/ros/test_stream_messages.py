@@ -69,10 +69,10 @@ def test_objects_are_where_their_shapes_are(bridge, seed):
         primitive_poses=[pose(inner.tolist())],
         mesh_poses=[],
     )
-    _, _, found = bridge.centers_of_objects([item])
+    _, _, found = bridge.ObjectCenters().of([item])
     np.testing.assert_allclose(found["cart"], at + turn.apply(inner), atol=1e-12)
     item.operation = 1
-    assert bridge.centers_of_objects([item])[2] == {}
+    assert bridge.ObjectCenters().of([item])[2] == {}
 
 
 def test_an_object_without_orientation_or_shape(bridge):
@@ -85,9 +85,9 @@ def test_an_object_without_orientation_or_shape(bridge):
         primitive_poses=[pose([0.0, 2.0, 0.0])],
         mesh_poses=[],
     )
-    assert bridge.center_of_object(item) == [1.0, 2.0, 0.0]
+    assert bridge.ObjectCenters().center(item) == [1.0, 2.0, 0.0]
     item.primitive_poses = []
-    assert bridge.center_of_object(item) == [1.0, 0.0, 0.0]
+    assert bridge.ObjectCenters().center(item) == [1.0, 0.0, 0.0]
 
 
 def test_a_silent_joint_counts_though_others_speak(bridge, monkeypatch):
@@ -98,3 +98,23 @@ def test_a_silent_joint_counts_though_others_speak(bridge, monkeypatch):
     for _ in range(5):
         joints.take({"a": 0.0})
     assert joints.silence() == 6.0
+
+
+def test_markers_of_one_namespace_keep_apart(bridge):
+    markers = [
+        Message(ns="arm", id=k, action=0, ADD=0, header=header(), pose=pose([float(k), 0.0, 0.0]))
+        for k in range(2)
+    ]
+    _, _, found = bridge.centers_of_markers(Message(markers=markers))
+    assert found == {"arm/0": [0.0, 0.0, 0.0], "arm/1": [1.0, 0.0, 0.0]}
+
+
+def test_an_object_that_moves_keeps_its_shape(bridge):
+    """MOVE tells no shapes: they are where they were in the object."""
+    centers, told = bridge.ObjectCenters(), {"id": "box", "header": header(), "REMOVE": 1}
+    added = Message(
+        **told, operation=0, pose=pose([1.0, 0, 0]), primitive_poses=[pose([0.5, 0, 0])], mesh_poses=[]
+    )
+    moved = Message(**told, operation=3, pose=pose([2.0, 0, 0]), primitive_poses=[], mesh_poses=[])
+    assert centers.of_one(added)[2] == {"box": [1.5, 0.0, 0.0]}
+    assert centers.of_one(moved)[2] == {"box": [2.5, 0.0, 0.0]}

@@ -1,8 +1,11 @@
 """Runs streamed over the real ROS 2, on loopback: what stops when what dies."""
 
 import json
+import os
+import signal
 import time
 
+import numpy as np
 import pytest
 
 from comove.errors import SendError
@@ -13,8 +16,10 @@ from tests.ros.streaming import (
     CUT,
     FAULTS,
     OBSTACLES,
+    bridges_of,
     planned,
     rest_after,
+    rows_of,
     running,
     standing,
     wait_until_it_moves,
@@ -70,6 +75,48 @@ def test_arms_stand_when_something_dies(ros, known, tmp_path, fault):
         time.sleep(2.5)
         rest = rest_after(sink, plan, at, at + 2.5)
     assert rest.after < 1.2 and rest.torn < 1e-3 and not rest.moved_on
+
+
+def test_a_bridge_that_wakes_does_not_jump(ros, known, sink, tmp_path):
+    """What it has missed is not played at once: no joint is faster than twice its motion's speed."""
+    scene, folder, plan = known
+    with running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process:
+        wait_until_it_moves(sink, process)
+        (bridge,) = bridges_of(process)
+        os.kill(bridge, signal.SIGSTOP)
+        time.sleep(0.3)
+        os.kill(bridge, signal.SIGCONT)
+        said, _ = process.communicate(timeout=90)
+        rows = rows_of(sink)
+    assert process.returncode == 0, said
+    assert "the bridge was late" in said
+    fastest = np.abs(plan.joints.curve(np.linspace(0.0, plan.joints.duration, 2000), 1)).max()
+    for r in rows.values():
+        for since in (5, 20):  # commands
+            dt = r[since:, 0] - r[:-since, 0]
+            step = np.abs(r[since:, 1:] - r[:-since, 1:]).max(axis=1)
+            assert (step <= 2.5 * fastest * (dt + 0.02)).all()
+
+
+def test_a_controller_has_its_own_order_of_joints(ros, known, tmp_path):
+    """That of its parameter "joints" is kept, and other joints are refused."""
+    _, _, plan = known
+    with standing(ros, plan, reverse=True) as sink:
+        with CommandStream(plan.robot, python=ros.python) as stream:
+            stream.require_clock()
+            stream.begin(stream.position)
+            here = stream.position
+            wanted = here + 1e-3 * np.arange(len(here))
+            for number in range(50):
+                stream.follow(0, number, here + (number + 1) / 50 * (wanted - here))
+            until = time.monotonic() + 5.0
+            while np.abs(stream.position - wanted).max() > 1e-4 and time.monotonic() < until:
+                stream.news(0.05)
+            np.testing.assert_allclose(stream.position, wanted, atol=1e-4)
+        sink.tell(joints=["elsewhere"])
+        sink.wait_for("set")
+        with pytest.raises(SendError, match="moves elsewhere, other joints than the arm"):
+            CommandStream(plan.robot, python=ros.python)
 
 
 def test_nobody_listens_and_the_wrong_type(ros, known, sink):

@@ -192,6 +192,12 @@ def run_in_ros(
         frame=ros.frame,
     )
     moving = {} if ros.obstacles is None else moving_names(loaded)
+    if ros.obstacles is not None and not moving:
+        raise OptionError(
+            f"no obstacle of '{loaded.name}' moves",
+            key="--obstacles",
+            way_out="give those a motion in the scene whose places are told, or leave it out",
+        )
     with CommandStream(carrier, names, StreamSettings(settings.period), obstacles=moving) as stream:
         with progress_bar():
             _ready(loaded)

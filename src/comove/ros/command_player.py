@@ -31,9 +31,10 @@ class CommandPlayer:
 
     SPARE = 1.5  # times the speed limit, that a command may ask for
     SHARE = 0.9  # of the limits of acceleration, with which it brakes
+    FLATTER = (1.0, 0.75, 0.5, 0.25, 0.0)  # shares of a parabola's bend
 
     def __init__(self, position: Joints, period: float, velocity: Joints, acceleration: Joints):
-        self.period, self.acceleration = period, acceleration
+        self.period, self.velocity, self.acceleration = period, velocity, acceleration
         self.most = [self.SPARE * limit * period for limit in velocity]
         self.run, self.why = 0, ""
         self.waiting: deque[tuple[int, Joints]] = deque()
@@ -91,7 +92,11 @@ class CommandPlayer:
         return position, number
 
     def way_to_rest(self, last: list[Joints]) -> list[Joints]:
-        """Return the way to rest after three commands, along their parabola."""
+        """Return the way to rest after three commands, along their parabola.
+
+        All joints need the same time. Where some would leave their limits of speed or acceleration, the parabola is
+        made flatter.
+        """
         a, b, c = last
         rates = [(z - y) for y, z in zip(b, c, strict=True)]
         bends = [(z - y) - (y - x) for x, y, z in zip(a, b, c, strict=True)]
@@ -99,11 +104,23 @@ class CommandPlayer:
         # Joints that already change their speed have less left for braking, but never less than half.
         spent = [max(m - abs(w), 0.5 * m) for w, m in zip(bends, limits, strict=True)]
         periods = max(abs(v) / m for v, m in zip(rates, spent, strict=True))
-        way, n = [], int(periods) + 1
-        for k in range(1, n + 1):
-            s = k - 0.5 * k * k / n  # periods of the course that are gone
-            way.append([z + v * s + 0.5 * w * s * (s + 1.0) for z, v, w in zip(c, rates, bends, strict=True)])
-        return way if periods > 0.0 else []
+        if periods <= 0.0:
+            return []
+        n = int(periods) + 1
+        for share in self.FLATTER:
+            joints = [_braked(v, share * w, n) for v, w in zip(rates, bends, strict=True)]
+            if all(self.fits(i, rates[i], bends[i], moved) for i, moved in enumerate(joints)):
+                break
+        return [[z + moved[k] for z, moved in zip(c, joints, strict=True)] for k in range(n)]
+
+    def fits(self, joint: int, rate: float, bend: float, moved: list[float]) -> bool:
+        """Return whether a joint keeps its limits on a way to rest, or stays below what it already uses."""
+        speeds = [rate, *(y - x for x, y in zip([0.0, *moved], moved, strict=False))]
+        most = max(self.velocity[joint] * self.period, abs(rate)) + STILL
+        hardest = max(self.acceleration[joint] * self.period**2, abs(bend)) + STILL
+        return all(abs(v) <= most for v in speeds) and all(
+            abs(v - u) <= hardest for u, v in zip(speeds, speeds[1:], strict=False)
+        )
 
     def horizon(self) -> list[Joints]:
         """Return the next commands, and the way to rest after them."""
@@ -112,3 +129,12 @@ class CommandPlayer:
         coming = [position for _, position in self.waiting]
         last = ([*self.played, *coming])[-3:]
         return coming + self.way_to_rest(last) or [self.position]
+
+
+def _braked(rate: float, bend: float, n: int) -> list[float]:
+    """Return how far a joint gets in each of n periods, along a parabola and ever more slowly."""
+    found = []
+    for k in range(1, n + 1):
+        s = k - 0.5 * k * k / n  # periods of the course that are gone
+        found.append(rate * s + 0.5 * bend * s * (s + 1.0))
+    return found

@@ -187,6 +187,11 @@ class _Run:
         n_steps, begun = 2 + int(1.875 * most / (SLOWLY * self.period)), time.monotonic()
         for k, share in enumerate(minimum_jerk(np.linspace(0.0, 1.0, n_steps + 1))[1:]):
             self._wait(begun + k * self.period)
+            lag = float(np.abs(self.stream.position - here).max())
+            if lag > most + AWAY:  # it does not go where it is commanded
+                self.stream.brake(
+                    f"a joint is {lag:.2g} rad from where it rested, and {most:.2g} rad are commanded"
+                )
             self.stream.follow(self.run, NEARER, here + share * (there - here))
         self._wait(begun + (n_steps + self.stream.lead + 2) * self.period)
         return time.monotonic() + self.stream.lead * self.period

@@ -352,6 +352,12 @@ def _joints(
     if not given:
         return {}, {}
     robot = placed.robot
+    told = [one["joint_name"] for one in given]
+    if twice := sorted({name for name in told if told.count(name) > 1}):
+        raise Refusal(
+            ErrorCode.INVALID_GOAL_CONSTRAINTS,
+            f"joint_constraints tell '{twice[0]}' twice; give each joint once",
+        )
     asked = {one["joint_name"]: float(one["position"]) for one in given}
     names = [robot.joint_names[column] for arm in placed.holders for column in arm.columns]
     if missing := [name for name in names if name not in asked]:

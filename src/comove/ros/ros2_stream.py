@@ -6,8 +6,11 @@ A thread of its own plays the commands, one a period. It brakes all arms where t
 have been silent, and where its input ends.
 """
 
+import os
+import signal
 import threading
 import time
+import traceback
 from contextlib import suppress
 from importlib import import_module
 
@@ -19,6 +22,8 @@ from ros2_program import Refused, run
 POSITIONS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 HORIZON = 0.02  # s, between short trajectories
 LOOK = 0.5  # s, between looks at who else commands
+ASKED = 3.0  # s, for a controller to tell its joints
+UNKNOWN = "NODE_NAME_UNKNOWN"  # in the names of nodes that the graph does not know yet
 LATE = 3.0  # periods, by which commands may be played too late
 TOLD = 0.1  # s, between reports of what was played
 LEAVING = 5.0  # s, in which arms come to rest when the input has ended
@@ -134,6 +139,11 @@ class Ros2Stream(Ros2Node):
             self.watch(obstacles, kind)
         while missing := self.measured.missing():
             wait(until, "joints", missing[0], sorted(self.measured.position))
+        for stream in self.streams:
+            order = self.order_of(stream.publisher.topic_name) if stream.kind == POSITIONS else []
+            if order and sorted(order) != sorted(stream.joints):
+                raise Refused("order", stream.publisher.topic_name, order)
+            stream.columns = [joints.index(name) for name in order or stream.joints]
         while time.monotonic() - begun < LOOK:  # others are found as late
             time.sleep(0.01)
         for topic, nodes in self.others():
@@ -152,6 +162,26 @@ class Ros2Stream(Ros2Node):
                 sorted(n for n, types in kinds if {POSITIONS, TRAJECTORY, *CENTERS} & {*types}),
             )
         return infos[0].topic_type
+
+    def order_of(self, topic):
+        """Return the joints that a topic's controller moves, in its order; empty where it does not tell."""
+        from rcl_interfaces.srv import GetParameters
+
+        until, nodes = time.monotonic() + ASKED, [UNKNOWN]
+        while UNKNOWN in nodes[0] and time.monotonic() < until:  # ends are known before their nodes
+            nodes = names_of(self.node.get_subscriptions_info_by_topic(topic)) or [UNKNOWN]
+            time.sleep(0.01)
+        service = f"{nodes[0]}/get_parameters"
+        client = self.on_thread(lambda: self.node.create_client(GetParameters, service))
+        while not client.service_is_ready():
+            if time.monotonic() > until:
+                return []
+            time.sleep(0.01)
+        answer = self.on_thread(lambda: client.call_async(GetParameters.Request(names=["joints"])))
+        while not answer.done() and time.monotonic() < until:
+            time.sleep(0.01)
+        told = answer.result().values if answer.done() and answer.result() is not None else []
+        return list(told[0].string_array_value) if told else []
 
     def others(self):
         """Return topics that other nodes command, with the nodes."""
@@ -172,10 +202,12 @@ class Ros2Stream(Ros2Node):
         """Listen to obstacles."""
         from rclpy.qos import qos_profile_sensor_data
 
-        centers = CENTERS[kind]
+        centers = CENTERS[kind]()
 
         def on_message(message):
             stamp, frame, found = centers(message)
+            if not found:  # as changes of a planning scene that concern others
+                return
             now = self.now
             at = time.monotonic() - (now - (stamp or now)) * 1e-9
             self.tell("obstacles", time=at, frame=frame, centers=found)
@@ -208,6 +240,14 @@ class Ros2Stream(Ros2Node):
                 self.player.brake(why)
 
     def play(self):
+        """Play commands until the end. Where that fails, the process ends: nobody would know otherwise."""
+        try:
+            self.play_all()
+        except Exception:
+            traceback.print_exc()
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def play_all(self):
         """Play commands until the end."""
         log = PlayedLog(self.tell, max(1, round(TOLD / self.period)))
         player, due, last, k = self.player, time.monotonic(), 0.0, 0
@@ -225,15 +265,16 @@ class Ros2Stream(Ros2Node):
             with self.lock:
                 position, number = player.tick()
                 horizon = player.horizon() if max(every) > 1 and k % max(every) == 0 else None
-                measured = self.measured.row()
+                measured, run = self.measured.row(), player.run
+                braked = player.why if player.has_braked else ""
             for stream in self.streams:
                 if stream.every == 1 or k % stream.every == 0:
                     stream.publish(position, lambda horizon=horizon: horizon)
-            log.add(time.monotonic(), number, player.run, position, measured)
-            if player.has_braked and told != player.run:
-                told = player.run
+            log.add(time.monotonic(), number, run, position, measured)
+            if braked and told != run:
+                told = run
                 log.tell_all()
-                self.tell("braked", run=player.run, why=player.why, position=player.position)
+                self.tell("braked", run=run, why=braked, position=position)
             k += 1
         log.tell_all()
         self.tell("played_all")
@@ -303,35 +344,56 @@ def oldest(items):
 
 
 def centers_of_markers(message):
-    """Return the oldest stamp [ns], frame, and centres. Names are namespaces, or numbers without one."""
+    """Return the oldest stamp [ns], frame, and centres. Names are namespaces, or numbers without one.
+
+    Markers that share a namespace are called by it and their numbers.
+    """
     there = [marker for marker in message.markers if marker.action == marker.ADD]
     stamp = oldest(there)
     frames = sorted({marker.header.frame_id for marker in there})
-    return stamp, ", ".join(frames), {m.ns or str(m.id): place_of(m.pose) for m in there}
+    spaces = [m.ns for m in there]
+    names = [(f"{m.ns}/{m.id}" if spaces.count(m.ns) > 1 else m.ns) if m.ns else str(m.id) for m in there]
+    return stamp, ", ".join(frames), dict(zip(names, (place_of(m.pose) for m in there), strict=True))
 
 
-def centers_of_objects(objects):
-    """Return the oldest stamp [ns], frame, and centres of collision objects."""
-    there = [item for item in objects if item.operation != item.REMOVE]
-    stamp = oldest(there)
-    frames = sorted({item.header.frame_id for item in there})
-    return stamp, ", ".join(frames), {item.id: center_of_object(item) for item in there}
+class ObjectCenters:
+    """Centres of collision objects: those of their first shapes.
+
+    An object that only moves tells no shapes; theirs are those that it told last.
+    """
+
+    def __init__(self):
+        self.inner = {}
+
+    def of_scene(self, message):
+        """Return the oldest stamp [ns], frame, and centres of a planning scene's objects."""
+        return self.of(message.world.collision_objects)
+
+    def of_one(self, message):
+        """Return these of a collision object."""
+        return self.of([message])
+
+    def of(self, objects):
+        there = [item for item in objects if item.operation != item.REMOVE]
+        frames = sorted({item.header.frame_id for item in there})
+        return oldest(there), ", ".join(frames), {item.id: self.center(item) for item in there}
+
+    def center(self, item):
+        """Return the centre of an object."""
+        for name in ("primitive_poses", "mesh_poses"):
+            if shapes := getattr(item, name):
+                self.inner[item.id] = place_of(shapes[0])
+                break
+        return turned(item.pose, self.inner.get(item.id, [0.0, 0.0, 0.0]))
 
 
-def center_of_object(item):
-    """Return the centre of a collision object: that of its first shape."""
-    for name in ("primitive_poses", "mesh_poses"):
-        shapes = getattr(item, name)
-        if shapes:
-            q, p, at = item.pose.orientation, place_of(shapes[0]), place_of(item.pose)
-            size = (q.x**2 + q.y**2 + q.z**2 + q.w**2) or 1.0
-            w = q.w if (q.x or q.y or q.z or q.w) else 1.0
-            # p + 2 w (u x p) + 2 u x (u x p), Rodrigues for a unit quaternion
-            u = (q.x, q.y, q.z)
-            c = cross(u, p)
-            cc = cross(u, c)
-            return [a + x + 2.0 * (w * y + z) / size for a, x, y, z in zip(at, p, c, cc, strict=True)]
-    return place_of(item.pose)
+def turned(pose, p):
+    """Return a point of a frame at a pose. p + 2 w (u x p) + 2 u x (u x p), Rodrigues for a unit quaternion."""
+    q, at = pose.orientation, place_of(pose)
+    size = (q.x**2 + q.y**2 + q.z**2 + q.w**2) or 1.0
+    w, u = (q.w if (q.x or q.y or q.z or q.w) else 1.0), (q.x, q.y, q.z)
+    c = cross(u, p)
+    return [a + x + 2.0 * (w * y + z) / size for a, x, y, z in zip(at, p, c, cross(u, c), strict=True)]
 
 
 def cross(u, v):
@@ -339,11 +401,12 @@ def cross(u, v):
 
 
 CENTERS = {
-    "geometry_msgs/msg/PoseArray": centers_of_poses,
-    "visualization_msgs/msg/MarkerArray": centers_of_markers,
-    "moveit_msgs/msg/PlanningScene": lambda message: centers_of_objects(message.world.collision_objects),
-    "moveit_msgs/msg/CollisionObject": lambda message: centers_of_objects([message]),
+    "geometry_msgs/msg/PoseArray": lambda: centers_of_poses,
+    "visualization_msgs/msg/MarkerArray": lambda: centers_of_markers,
+    "moveit_msgs/msg/PlanningScene": lambda: ObjectCenters().of_scene,
+    "moveit_msgs/msg/CollisionObject": lambda: ObjectCenters().of_one,
 }
+"""Functions that return a reader of messages, by their type."""
 
 
 if __name__ == "__main__":

@@ -199,8 +199,12 @@ class CommandStream:
             process.close()
             raise _stream_refusal(answer, how.connect)
         self.kinds = frozenset(answer["kinds"])
-        for event in others:
-            self._take(event)
+        try:
+            for event in others:
+                self._take(event)
+        except SendError:
+            process.close()
+            raise
         return process
 
     @property
@@ -374,6 +378,11 @@ def _stream_refusal(answer: Event, timeout: float) -> SendError:
             "commands",
             f"'{what}' takes {listed(found)}",
             "give a topic of std_msgs/msg/Float64MultiArray or trajectory_msgs/msg/JointTrajectory",
+        ),
+        "order": (
+            "commands",
+            f"the controller of '{what}' moves {listed(found, 12)}, other joints than the arm",
+            "give that arm's own topic by --commands, or name its joints in the controller's parameters",
         ),
         "commanded": (
             "commands",

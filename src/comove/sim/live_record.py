@@ -315,8 +315,8 @@ def _clearances(
                     which[kind], least[kind] = near[first_least(distance)], distance.min()
             if step % (4 * stride) == 0:
                 own.look(q[step])
-    near = int(which[int(np.argmin(least[:2]))])
-    nearest = "" if near < 0 else f"{names[pairs[near][0]]} and {names[pairs[near][1]]}"
+    pair = int(which[int(np.argmin(least[:2]))])
+    nearest = "" if pair < 0 else f"{names[pairs[pair][0]]} and {names[pairs[pair][1]]}"
     measured = ("clearance_scene", "clearance_carried", "clearance_load")
     return {**dict(zip(measured, least.tolist(), strict=True)), "clearance_self": own.least}, nearest
 

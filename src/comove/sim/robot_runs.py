@@ -161,7 +161,9 @@ def verify_robot_run(stored: Stored, scene: Scene, robot: Robot) -> tuple[Online
     arrays, summary = stored.arrays, stored.summary
     _require_shapes(stored, scene, robot)
     time = arrays["time"]
-    moved = arrays["obstacle_center"] if summary.get("obstacles") == MEASURED else scene.centers_at(time)
+    moved = scene.centers_at(time)
+    if summary.get("obstacles") == MEASURED:
+        moved[:, scene.moving] = arrays["obstacle_center"][:, scene.moving]
     record = OnlineRecord(
         scene,
         robot,
