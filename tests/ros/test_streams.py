@@ -232,17 +232,18 @@ def test_arms_that_brake_on_their_way_to_the_beginning_do_not_jump(planned, conn
     _, plan = planned
     at = plan.joints.position[0] + 0.009 * np.sign(np.sin(np.arange(12.0)))
     bridge = connected(position=at)
-    usual = bridge.tell
+    usual, tried = bridge.tell, []
 
     def tell(command):
         usual(command)
-        if command["do"] == "follow" and len(bridge.rows) == 30:
+        if command["do"] == "follow" and len(bridge.rows) >= 30 and not tried and not bridge.player.why:
+            tried.append(True)
             usual({"do": "brake", "why": "tried"})
 
     bridge.tell = tell
     run, _ = run_of(planned)
     played = np.array([row[3] for row in bridge.rows])
-    assert run.arrived and run.stops[0] == "tried" and set(run.stops[1:]) <= LATE
+    assert run.arrived and "tried" in run.stops and set(run.stops) <= {"tried", *LATE}
     assert (np.abs(np.diff(played, axis=0)) / PERIOD / plan.robot.velocity).max() < 0.5
     assert (np.abs(np.diff(played, n=2, axis=0)) / PERIOD**2 / plan.robot.acceleration).max() <= 1.05
 
