@@ -138,6 +138,20 @@ class SceneError(InputError):
     """
 
 
+class TaskError(InputError):
+    """Task that contradicts itself, or a phase of it that cannot be carried out.
+
+    The key is the phase. Add what is missing before it, or give it other grasps, another goal or more budget.
+
+    Examples
+    --------
+    >>> from comove.tasks import Grasp
+    >>> Grasp(pot, site="spout")  # doctest: +SKIP
+    Traceback (most recent call last):
+    comove.errors.TaskError: site: 'pot' has no site 'spout'; give a position in the body's frame
+    """
+
+
 class MeshError(InputError):
     """Mesh that cannot be used.
 

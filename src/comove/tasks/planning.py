@@ -1,0 +1,264 @@
+"""Planning of tasks: each stage becomes scenes, whose motions are solved and verified one after the other.
+
+Grasps, inverse-kinematics branches, approach and first transfer are chosen together, by `comove.solve`. Where a later
+transfer fails with the grasps chosen, the first one is solved again with the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from comove.arrays import Array
+from comove.errors import ComoveError, TaskError
+from comove.geometry.rotations import matrices, quaternion_of_rotation
+from comove.model.scene import Scene
+from comove.planning.solution import Solution
+from comove.robots.motion import JointMotion
+from comove.robots.transfers import plan_transfers
+from comove.solving import solve
+from comove.tasks.grasps import MOST_WAYS
+from comove.tasks.plan import TaskPart, TaskPlan
+from comove.tasks.stages import Leg, Stage
+from comove.tasks.world import Body, World
+
+AROUND = 1.0  # m, of the workspace around everything that is carried
+
+Ways = list[dict[str, dict[str, Any]]]
+"""Ways to hold a body by all arms: a grasp of a scene for each."""
+
+
+def planned(world: World, stages: Sequence[Stage], budget: float, seed: int) -> TaskPlan:
+    """Return the plan of all stages; see `Task.solve`."""
+    parts, poses, left = list[TaskPart](), {name: body.pose for name, body in world.bodies.items()}, budget
+    for number, stage in enumerate(stages):
+        if not stage.legs:
+            raise TaskError(
+                f"'{stage.body.name}' is approached and not carried",
+                key="approach",
+                way_out="close the hands and carry it, or leave the approach out",
+            )
+        share = left / (len(stages) - number)
+        found, spent = _Planner(world, stage, poses, seed).parts(share)
+        parts += found
+        left = max(left - spent, 0.1 * budget)
+        poses[stage.body.name] = stage.legs[-1].goal
+    return TaskPlan(world.robot, tuple(parts))
+
+
+class _Solved(NamedTuple):
+    """A leg's solution, and its scene."""
+
+    scene: Scene
+    solution: Solution
+
+
+class _Planner:
+    """Planner of one stage.
+
+    Parameters
+    ----------
+    world, stage : the world, and the stage
+    poses : where bodies are, by name, arrays, shape (4, 4) [m]
+    seed : seed of all random numbers
+    """
+
+    def __init__(self, world: World, stage: Stage, poses: Mapping[str, Array], seed: int):
+        self.world, self.stage, self.seed = world, stage, seed
+        others = (body.at(poses[name]) for name, body in world.bodies.items() if name != stage.body.name)
+        self.obstacles = [dict(obstacle) for obstacle in world.obstacles]
+        self.obstacles += [obstacle for body in others for obstacle in _as_obstacles(body)]
+        for obstacle in self.obstacles:
+            if obstacle["name"] == stage.rests_on:
+                obstacle["support"] = True
+
+    def parts(self, budget: float) -> tuple[list[TaskPart], float]:
+        """Return the parts of the stage, and the processor time used [s]."""
+        ways, spent, error = self._ways(), 0.0, None
+        while ways:
+            try:
+                legs = list[_Solved]()
+                for solved in self._legs(ways, budget - spent):
+                    legs.append(solved)
+                    spent += solved.solution.effort.seconds
+                return list(self._written(legs)), spent
+            except TaskError as why:
+                error = error or why
+                if not legs or len(legs) == len(self.stage.legs) or spent >= budget:
+                    break
+                ways = [
+                    way
+                    for way in ways
+                    if not _is_way(way, self._held(legs[0].solution, self.stage.body.pose))
+                ]
+        assert error is not None, "there was a way to try"
+        raise error
+
+    def _ways(self) -> Ways:
+        """Return the ways to hold the body."""
+        grasps = self.stage.grasps
+        each = int(MOST_WAYS ** (1.0 / len(grasps)) + 1e-9)
+        ways = [grasp.ways(each) for grasp in grasps.values()]
+        return [dict(zip(grasps, chosen, strict=True)) for chosen in product(*ways)]
+
+    def _legs(self, ways: Ways, budget: float) -> Iterator[_Solved]:
+        """Yield the legs' solutions, the first by any of some ways to hold the body."""
+        stage, start, begin, left = self.stage, self.stage.body.pose, None, budget
+        for number, leg in enumerate(stage.legs):
+            is_last = number + 1 == len(stage.legs)
+            scene = self._scene(leg, start, ways)
+            solution = self._solution(scene, number, left, begin, release=is_last and stage.retreats)
+            left = max(left - solution.effort.seconds, 0.1 * budget)
+            yield _Solved(scene, solution)
+            ways, start = [self._held(solution, start)], leg.goal
+            begin = solution.joints.motion.joints.position[-1]
+
+    def _solution(
+        self, scene: Scene, number: int, budget: float, begin: Array | None, *, release: bool
+    ) -> Solution:
+        name = f"carry {number + 1} of '{self.stage.body.name}'"
+        wanted: dict[str, Any] = {"approach": True} if begin is None else {"begin": begin}
+        if release:
+            wanted["release"] = True
+        try:
+            found = solve(scene, robot=self.world.robot, budget=budget, seed=self.seed, **wanted)
+        except ComoveError as error:
+            raise TaskError(
+                f"{name}: {error}", key="carry", way_out="give it other grasps or another goal"
+            ) from error
+        if not found.verified:
+            raise TaskError(
+                f"{name}: {'; '.join(found.reasons) or 'no motion was found'}",
+                key="carry",
+                way_out="give it other grasps, another goal or more budget",
+            )
+        if found.joints.without:
+            raise TaskError(
+                f"{name}: {'; '.join(found.joints.without)}",
+                key="retreat" if release else "approach",
+                way_out="give it other grasps, or more budget",
+            )
+        return found
+
+    def _scene(self, leg: Leg, start: Array, ways: Ways) -> Scene:
+        """Return the scene of a leg."""
+        body = self.stage.body
+        around = np.stack([start[:3, 3], leg.goal[:3, 3]])
+        reach = AROUND + body.radius
+        data = {
+            "version": 2,
+            "name": body.name,
+            "workspace": {
+                "lower": (around.min(axis=0) - reach).tolist(),
+                "upper": (around.max(axis=0) + reach).tolist(),
+            },
+            "obstacles": self.obstacles,
+            "payload": {
+                "parts": list(body.parts),
+                "mass": body.mass,
+                "start": _written_pose(start),
+                "goal": _written_pose(leg.goal),
+            },
+            "grasps": ways if len(ways) > 1 else ways[0],
+            "limits": {"clearance": self.world.clearance},
+        }
+        if leg.time is not None:
+            data["duration"] = leg.time
+        if leg.upright_deg is not None:
+            data["constraints"] = [{"type": "upright", "tolerance_deg": leg.upright_deg}]
+        return Scene.from_dict(data, folder=self.world.folder)
+
+    def _held(self, solution: Solution, start: Array) -> dict[str, dict[str, Any]]:
+        """Return the grasps that a solution chose for a body that starts at a pose, (4, 4) [m]."""
+        robot, q = self.world.robot, solution.joints.motion.joints.position[0]
+        found = {}
+        for name in self.stage.grasps:
+            there = np.linalg.inv(start) @ robot.tool_pose(q, robot.arm(name))
+            found[name] = {
+                "position": there[:3, 3].tolist(),
+                "approach": there[:3, 2].tolist(),
+                "closing": there[:3, 1].tolist(),
+            }
+        return found
+
+    def _written(self, legs: Sequence[_Solved]) -> Iterator[TaskPart]:
+        """Yield the parts of solved legs."""
+        stage, first, last = self.stage, legs[0].solution, legs[-1].solution
+        close, open_ = stage.close_time or 1.0, stage.open_time
+        approach, motion = first.joints.transfers, first.joints.motion
+        if close != approach.grip_time:
+            approach = plan_transfers(motion, release=False, grip_time=close, seed=self.seed)
+        begins = approach.approach.duration - approach.grip_time
+        closing = dict.fromkeys(stage.grasps, begins)
+        yield TaskPart(("approach", "close"), approach.approach, closing, {}, approach.clearance_min, first)
+        for leg in legs:
+            found = leg.solution.joints
+            yield TaskPart(("carry",), found.motion.joints, {}, {}, _clearance(leg.solution), leg.solution)
+        if open_ is None:
+            return
+        opening = dict.fromkeys(stage.grasps, 0.0)
+        if not stage.retreats:
+            end = last.joints.motion.joints
+            rest = JointMotion(
+                np.array([0.0, open_]), end.joint_names, np.repeat(end.position[-1:], 2, axis=0)
+            )
+            yield TaskPart(("open",), rest, {}, opening, _clearance(last), last)
+            return
+        release = last.joints.transfers
+        if open_ != release.grip_time:
+            release = plan_transfers(last.joints.motion, approach=False, grip_time=open_, seed=self.seed)
+        yield TaskPart(("open", "retreat"), release.release, {}, opening, release.clearance_min, last)
+
+
+def _clearance(solution: Solution) -> float:
+    """Return the certified clearance of a solution's joints and payload [m]."""
+    report = solution.joints.report
+    assert solution.motion is not None, "parts are of verified solutions"
+    links = min(report.clearance_scene, report.clearance_load, report.clearance_self)
+    return min(links, solution.motion.clearance_min)
+
+
+def _is_way(way: Mapping[str, Mapping[str, Any]], held: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Return whether a way to hold a body is the one that was chosen."""
+    return all(
+        np.abs(np.array(way[arm][key]) - np.array(held[arm][key])).max() < 1e-3
+        for arm in held
+        for key in ("position", "approach", "closing")
+    )
+
+
+def _written_pose(pose: Array) -> dict[str, Any]:
+    return {
+        "position": pose[:3, 3].tolist(),
+        "quaternion_wxyz": quaternion_of_rotation(pose[:3, :3]).tolist(),
+    }
+
+
+def _as_obstacles(body: Body) -> Iterator[dict[str, Any]]:
+    """Yield a body's parts as obstacles where it is.
+
+    Raises
+    ------
+    TaskError
+        If a part has a shape that no obstacle has.
+    """
+    for number, part in enumerate(body.parts):
+        inside = np.eye(4)
+        inside[:3, :3] = matrices(np.array(part.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float))
+        inside[:3, 3] = part.get("position", (0.0, 0.0, 0.0))
+        shape = {key: value for key, value in part.items() if key not in ("position", "quaternion_wxyz")}
+        if shape["shape"] == "bar":  # along x; a capsule is along z
+            shape["shape"] = "capsule"
+            inside[:3, :3] = inside[:3, :3] @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+        if shape["shape"] == "hull":
+            raise TaskError(
+                f"'{body.name}' stands in the way, and a hull is no shape of an obstacle",
+                key="bodies",
+                way_out="give it boxes, cylinders, bars or a mesh",
+            )
+        place = _written_pose(body.pose @ inside)
+        shape["center"] = place.pop("position")
+        yield {"name": f"{body.name}_{number}", **shape, **place}
