@@ -109,25 +109,29 @@ class _Planner:
         stage, start, begin, left = self.stage, self.stage.body.pose, None, budget
         for number, leg in enumerate(stage.legs):
             is_last = number + 1 == len(stage.legs)
-            scene = self._scene(leg, start, ways)
-            solution = self._solution(scene, number, left, begin, release=is_last and stage.retreats)
+            wanted: dict[str, Any] = {"approach": True} if begin is None else {"begin": begin}
+            if is_last and stage.retreats:
+                wanted["release"] = True
+            scene, solution = self._solved(
+                f"carry {number + 1} of '{stage.body.name}'", leg, start, ways, left, wanted
+            )
             left = max(left - solution.effort.seconds, 0.1 * budget)
             yield _Solved(scene, solution)
             ways, start = [self._held(solution, start)], leg.goal
             begin = solution.joints.motion.joints.position[-1]
 
-    def _solution(
-        self, scene: Scene, number: int, budget: float, begin: Array | None, *, release: bool
-    ) -> Solution:
-        name = f"carry {number + 1} of '{self.stage.body.name}'"
-        wanted: dict[str, Any] = {"approach": True} if begin is None else {"begin": begin}
-        if release:
-            wanted["release"] = True
+    def _solved(
+        self, name: str, leg: Leg, start: Array, ways: Ways, budget: float, wanted: Mapping[str, Any]
+    ) -> _Solved:
+        """Solve a leg; `wanted` are further arguments of `comove.solve`."""
         try:
+            scene = self._scene(leg, start, ways)
             found = solve(scene, robot=self.world.robot, budget=budget, seed=self.seed, **wanted)
         except ComoveError as error:
             raise TaskError(
-                f"{name}: {error}", key="carry", way_out="give it other grasps or another goal"
+                f"{name}: {getattr(error, 'message', error)}",
+                key=getattr(error, "key", None),
+                way_out=getattr(error, "way_out", None) or "give it other grasps or another goal",
             ) from error
         if not found.verified:
             raise TaskError(
@@ -138,10 +142,10 @@ class _Planner:
         if found.joints.without:
             raise TaskError(
                 f"{name}: {'; '.join(found.joints.without)}",
-                key="retreat" if release else "approach",
+                key="approach",
                 way_out="give it other grasps, or more budget",
             )
-        return found
+        return _Solved(scene, found)
 
     def _scene(self, leg: Leg, start: Array, ways: Ways) -> Scene:
         """Return the scene of a leg."""

@@ -1,0 +1,280 @@
+"""Tasks of several phases: what holds for their plans, by the robot's own kinematics, and what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comove.errors import OptionError, TaskError
+from comove.robots import Robot
+from comove.tasks import Body, Grasp, Task, World
+
+TABLE = {
+    "name": "table",
+    "shape": "box",
+    "center": [0.9, 0.0, -0.05],
+    "size": [0.8, 3.0, 0.1],
+    "support": True,
+}
+TILTED = {"along": [0.0, 1.0, 0.0], "tilt_deg": (-20.0, 20.0), "flip": True}
+
+
+def pose(x, y, z, rotation=None):
+    found = np.eye(4)
+    found[:3, 3] = x, y, z
+    if rotation is not None:
+        found[:3, :3] = rotation.as_matrix()
+    return found
+
+
+def board(name="board", x=0.6, sites=(0.2, -0.2)):
+    """A board on the table, with a site at each hand."""
+    places = {side: pose(0.0, y, 0.06) for side, y in zip(("left", "right"), sites, strict=True)}
+    return Body(name, ({"shape": "box", "size": [0.05, 0.6, 0.12]},), 1.0, pose(x, 0.0, 0.06), places)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("two_ur10")
+
+
+def task_of(robot, *bodies):
+    return Task(World(robot, (TABLE,), {body.name: body for body in bodies}))
+
+
+def approached(task, body, **grasp):
+    task.approach(**{arm: Grasp(body, arm, **(grasp or TILTED)) for arm in ("left", "right")})
+
+
+@pytest.fixture(scope="module")
+def carried(robot):
+    """A board that is lifted, set down elsewhere and left; its task's plan."""
+    body = board()
+    task = task_of(robot, body)
+    approached(task, body)
+    task.close(0.8)
+    task.carry(body, shift=[0.1, 0.0, 0.2], upright=True)
+    task.set_down(body, "table", [0.8, 0.0])
+    task.open(0.6)
+    task.retreat()
+    return task, body, task.solve(budget=20.0)
+
+
+def test_parts_follow_on_one_another_at_rest(carried, robot):
+    _, _, plan = carried
+    assert [part.phases for part in plan.parts] == [
+        ("approach", "close"),
+        ("carry",),
+        ("carry",),
+        ("open", "retreat"),
+    ]
+    np.testing.assert_allclose(plan.parts[0].motion.position[0], robot.home, atol=1e-12)
+    np.testing.assert_allclose(plan.parts[-1].motion.position[-1], robot.home, atol=1e-12)
+    for before, after in zip(plan.parts[:-1], plan.parts[1:], strict=True):
+        np.testing.assert_allclose(before.motion.position[-1], after.motion.position[0], atol=1e-9)
+    for part in plan.parts:
+        rates = part.motion.curve(np.array([0.0, part.motion.duration]), 1)
+        assert np.abs(rates).max() < 1e-9
+        assert part.clearance_min >= 0.005 - 1e-9
+
+
+def test_the_body_is_where_its_hands_carry_it(carried, robot):
+    """By forward kinematics alone: both hands keep their places on it, it stays upright, and it ends on the table."""
+    task, body, plan = carried
+    start = [robot.tool_pose(plan.parts[1].motion.position[0], arm) for arm in robot.arms]
+    held = [np.linalg.inv(hand) @ body.pose for hand in start]
+    for part in plan.parts[1:3]:
+        for q in part.motion.position[::10]:
+            places = [robot.tool_pose(q, arm) @ grip for arm, grip in zip(robot.arms, held, strict=True)]
+            np.testing.assert_allclose(places[0], places[1], atol=1e-5)
+            assert places[0][2, 2] > np.cos(np.deg2rad(5.0)) - 1e-6
+    end = robot.tool_pose(plan.parts[2].motion.position[-1], robot.arms[0]) @ held[0]
+    np.testing.assert_allclose(end, task.pose_of(body), atol=1e-5)
+    np.testing.assert_allclose(end[:3, 3], [0.8, 0.0, 0.06], atol=1e-5)
+
+
+def test_hands_come_to_their_sites_open_and_leave_open(carried, robot):
+    _, body, plan = carried
+    approach = plan.parts[0]
+    for arm in robot.arms:
+        at = approach.motion.curve(np.array([approach.closing[arm.name]]))[0]
+        hand, site = robot.tool_pose(at, arm), body.pose @ body.sites[arm.name]
+        np.testing.assert_allclose(hand[:3, 3], site[:3, 3], atol=1e-5)
+        assert abs(approach.motion.duration - approach.closing[arm.name] - 0.8) < 0.011
+    commands = list(plan.stream(50.0))
+    begins = plan.parts[0].motion.duration
+    ends = begins + sum(part.motion.duration for part in plan.parts[1:3])
+    for command in commands:
+        assert all(np.isfinite(q).all() for q in command.joints.values())
+        if command.time < begins - 0.9 or command.time > ends:
+            assert not any(command.closed.values())
+        if begins < command.time < ends:
+            assert all(command.closed.values()) and command.phases == ("carry",)
+    assert commands[0].time == 0.0 and commands[-1].time == plan.duration
+
+
+def test_streams_are_the_motions(carried, robot):
+    _, _, plan = carried
+    fastest = max(np.abs(part.motion.velocity).max() for part in plan.parts)
+    steps = list(plan.stream(100.0))
+    for before, after in zip(steps[:-1], steps[1:], strict=True):
+        for arm in robot.arms:
+            assert (
+                np.abs(after.joints[arm.name] - before.joints[arm.name]).max() <= 1.01 * fastest * 0.01 + 1e-9
+            )
+    with pytest.raises(OptionError, match="rate"):
+        next(plan.stream(0.0))
+
+
+@pytest.mark.slow
+def test_one_body_after_the_other_and_each_is_in_the_others_way(robot):
+    first, second = board("first", 0.6), board("second", 0.85)
+    task = task_of(robot, first, second)
+    approached(task, first)
+    task.close()
+    task.carry(first, shift=[0.0, 0.0, 0.25])
+    task.set_down(first, "table", [1.05, 0.0])
+    task.open()
+    task.retreat()
+    approached(task, second)
+    task.close()
+    task.carry(second, shift=[-0.2, 0.0, 0.1])
+    plan = task.solve(budget=40.0)
+    assert len(plan.parts) == 6
+    for before, after in zip(plan.parts[:-1], plan.parts[1:], strict=True):
+        np.testing.assert_allclose(before.motion.position[-1], after.motion.position[0], atol=1e-9)
+    names = {obstacle.name for obstacle in plan.parts[-1].solution.scene.file.obstacles}
+    assert names == {"table", "first_0"}
+    (there,) = (o for o in plan.parts[-1].solution.scene.file.obstacles if o.name == "first_0")
+    np.testing.assert_allclose(there.center, [1.05, 0.0, 0.06], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_goal_in_another_body_is_told_with_its_phase(robot):
+    first, second = board("first", 0.6), board("second", 0.85)
+    task = task_of(robot, first, second)
+    approached(task, first)
+    task.close()
+    task.carry(first, shift=[0.25, 0.0, 0.0])
+    with pytest.raises(TaskError, match=r"carry 1 of 'first'.*second_0"):
+        task.solve(budget=5.0)
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    tilt=st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0)).map(sorted),
+    flip=st.booleans(),
+    most=st.integers(1, 12),
+)
+def test_ways_to_hold_are_what_a_grasp_says(seed, tilt, flip, most):
+    """Fingers close across `along`, from a direction within the tilt of the approach."""
+    rng = np.random.default_rng(seed)
+    turn, along = Rotation.random(random_state=seed), rng.normal(size=3)
+    body = Body("body", ({"shape": "box", "size": [0.1, 0.1, 0.1]},), 1.0, pose(0, 0, 0, turn))
+    along /= np.linalg.norm(along)
+    if np.linalg.norm(np.cross(turn.apply(along), [0, 0, 1])) < 0.1:
+        return
+    ways = Grasp(body, position=[0.1, 0.2, 0.3], along=along, tilt_deg=tuple(tilt), flip=flip).ways(most)
+    assert 1 <= len(ways) <= max(most, 2 if flip else 1)
+    straight = turn.inv().apply([0.0, 0.0, -1.0])
+    straight -= (straight @ along) * along
+    straight /= np.linalg.norm(straight)
+    for way in ways:
+        approach, closing = np.array(way["approach"]), np.array(way["closing"])
+        for vector in (approach, closing):
+            assert abs(np.linalg.norm(vector) - 1.0) < 1e-9 and abs(vector @ along) < 1e-9
+        assert abs(approach @ closing) < 1e-9
+        angle = np.rad2deg(np.arctan2(np.cross(straight, approach) @ along, straight @ approach))
+        assert tilt[0] - 1e-6 <= angle <= tilt[1] + 1e-6
+    if flip:
+        sides = {tuple(np.round(way["closing"], 9)) for way in ways}
+        assert all(tuple(-np.array(side)) in {tuple(np.array(s)) for s in sides} for side in sides)
+
+
+def test_what_fingers_hold_is_guessed_from_the_nearest_part():
+    handle = {"shape": "box", "size": [0.02, 0.11, 0.02], "position": [0.16, 0.0, 0.06]}
+    pot = Body("pot", ({"shape": "box", "size": [0.3, 0.3, 0.1]}, handle), 1.0, np.eye(4))
+    (way,) = Grasp(pot, position=[0.16, 0.0, 0.06]).ways(1)
+    assert abs(way["closing"][0]) == 1.0  # across the bar, which is along y
+
+
+@pytest.mark.parametrize(
+    ("grasp", "words", "advice"),
+    [
+        ({"site": "lefd"}, "no site 'lefd'", "left"),
+        ({"along": [0.0, 0.0, 1.0]}, "along what its fingers would hold", "another direction"),
+        ({"along": [0.0, 0.0, 0.0]}, "no direction", "not all 0"),
+        ({"along": [1.0, np.nan, 0.0]}, "no direction", "three numbers"),
+        ({"approach": [1.0]}, "no direction", "three numbers"),
+    ],
+)
+def test_grasps_that_cannot_be(grasp, words, advice):
+    with pytest.raises(TaskError, match=words) as found:
+        Grasp(board(), **grasp)
+    assert advice in str(found.value)
+
+
+def test_a_body_without_edges_asks_for_a_direction():
+    ball = Body("ball", ({"shape": "mesh", "file": "ball.stl"},), 1.0, np.eye(4))
+    with pytest.raises(TaskError, match=r"give along=\[x, y, z\]"):
+        Grasp(ball)
+
+
+def refused(act):
+    with pytest.raises(TaskError) as found:
+        act()
+    assert found.value.way_out
+    return str(found.value)
+
+
+def test_phases_that_contradict_each_other(robot):
+    body, other = board(), board("other", 0.9)
+    task = task_of(robot, body, other)
+    grasps = {arm: Grasp(body, arm, **TILTED) for arm in ("left", "right")}
+    assert "no phase" in refused(lambda: task.solve())
+    assert "no hand has approached" in refused(task.close)
+    assert "no arm 'lefd'; did you mean 'left'" in refused(lambda: task.approach(lefd=grasps["left"]))
+    assert "give a Grasp" in refused(lambda: task.approach(left=body))
+    assert "no arm is named" in refused(task.approach)
+    both = {"left": grasps["left"], "right": Grasp(other, "right", **TILTED)}
+    assert "board and other" in refused(lambda: task.approach(**both))
+    assert "'board' is not held" in refused(lambda: task.carry(body, shift=[0, 0, 0.1]))
+    task.approach(**grasps)
+    assert "'board' is not held" in refused(lambda: task.carry(body, shift=[0, 0, 0.1]))
+    for time in (0.0, -1.0, np.nan, np.inf):
+        assert "positive" in refused(lambda time=time: task.close(time))
+    task.close()
+    assert "hands are full" in refused(lambda: task.approach(**grasps))
+    assert "nothing was carried" in refused(task.open)
+    assert "no hand was opened" in refused(task.retreat)
+    assert "'other' is not held" in refused(lambda: task.carry(other, shift=[0, 0, 0.1]))
+    assert "not one goal" in refused(lambda: task.carry(body))
+    assert "not one goal" in refused(lambda: task.carry(body, to=np.eye(4), shift=[0, 0, 0.1]))
+    assert "no pose" in refused(lambda: task.carry(body, to=2.0 * np.eye(4)))
+    assert "three numbers" in refused(lambda: task.carry(body, shift=[0.1, np.nan, 0.0]))
+    assert "no obstacle 'tabel'; did you mean 'table'" in refused(
+        lambda: task.set_down(body, "tabel", [0.8, 0.0])
+    )
+    task.carry(body, shift=[0.0, 0.0, 0.1])
+    task.open()
+    assert "retreat before" in refused(lambda: task.approach(**grasps))
+    with pytest.raises(TaskError, match="did you mean 'board'"):
+        task.world.body("boards")
+
+
+def test_an_approach_alone_is_no_task(robot):
+    task = task_of(robot, board())
+    approached(task, board())
+    assert "approached and not carried" in refused(lambda: task.solve())
+
+
+def test_set_down_needs_a_level_box(robot):
+    tilted = {**TABLE, "quaternion_wxyz": Rotation.from_euler("x", 0.3).as_quat()[[3, 0, 1, 2]].tolist()}
+    body = board()
+    task = Task(World(robot, (tilted,), {"board": body}))
+    approached(task, body)
+    task.close()
+    assert "no level box" in refused(lambda: task.set_down(body, "table", [0.8, 0.0]))
