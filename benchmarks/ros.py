@@ -153,7 +153,7 @@ def arms_at_start(
             server = ros.server(arm.name, position, environment, fault=faults.get(arm.name), host=host)
             servers[arm.name] = running.enter_context(server)
         for server in servers.values():
-            server.wait_for("ready")
+            server.wait_for("ready", 60.0)
         yield servers
 
 

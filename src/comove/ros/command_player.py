@@ -114,7 +114,10 @@ class CommandPlayer:
         return [[z + moved[k] for z, moved in zip(c, joints, strict=True)] for k in range(n)]
 
     def fits(self, joint: int, rate: float, bend: float, moved: list[float]) -> bool:
-        """Return whether a joint keeps its limits on a way to rest, or stays below what it already uses."""
+        """Return whether a joint keeps its limits on a way to rest.
+
+        It may use what it already uses.
+        """
         speeds = [rate, *(y - x for x, y in zip([0.0, *moved], moved, strict=False))]
         most = max(self.velocity[joint] * self.period, abs(rate)) + STILL
         hardest = max(self.acceleration[joint] * self.period**2, abs(bend)) + STILL
@@ -132,7 +135,10 @@ class CommandPlayer:
 
 
 def _braked(rate: float, bend: float, n: int) -> list[float]:
-    """Return how far a joint gets in each of n periods, along a parabola and ever more slowly."""
+    """Return how far a joint gets in each of n periods.
+
+    It goes along a parabola, ever more slowly.
+    """
     found = []
     for k in range(1, n + 1):
         s = k - 0.5 * k * k / n  # periods of the course that are gone

@@ -53,7 +53,10 @@ class _Seen:
     centers: list[Array] = field(default_factory=list)
 
     def at(self, instants: Array) -> Array:
-        """Return the last centres before instants; arrays, (n,) -> (n, n_obstacles, 3) [m]."""
+        """Return the last centres before instants.
+
+        Arrays, (n,) -> (n, n_obstacles, 3) [m].
+        """
         order = np.argsort(self.time, kind="stable")  # commands are computed ahead of their time
         last = np.searchsorted(np.array(self.time)[order], instants, side="right") - 1
         return np.array(self.centers)[order[np.maximum(last, 0)]]

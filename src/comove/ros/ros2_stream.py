@@ -74,7 +74,7 @@ class Stream:
 
 
 class MeasuredJoints:
-    """Joints as measured last, in the order of commands, and when each was."""
+    """Joints as measured last, and when, in the order of commands."""
 
     def __init__(self, order):
         self.order, self.at, self.position = order, {}, {}
@@ -85,7 +85,7 @@ class MeasuredJoints:
         self.position.update(position)
 
     def silence(self):
-        """Return the time since that joint was measured of which nothing came for longest [s]."""
+        """Return the time since the joint heard least recently was measured [s]."""
         return time.monotonic() - min(self.at.values())
 
     def missing(self):
@@ -388,7 +388,10 @@ class ObjectCenters:
 
 
 def turned(pose, p):
-    """Return a point of a frame at a pose. p + 2 w (u x p) + 2 u x (u x p), Rodrigues for a unit quaternion."""
+    """Return a point of a frame at a pose.
+
+    p + 2 w (u x p) + 2 u x (u x p), Rodrigues for a unit quaternion.
+    """
     q, at = pose.orientation, place_of(pose)
     size = (q.x**2 + q.y**2 + q.z**2 + q.w**2) or 1.0
     w, u = (q.w if (q.x or q.y or q.z or q.w) else 1.0), (q.x, q.y, q.z)

@@ -219,7 +219,7 @@ class CommandStream:
 
     @property
     def joints_age(self) -> float:
-        """Return the time since that joint was measured of which nothing came for longest [s].
+        """Return the time since the joint heard least recently was measured [s].
 
         It is negative for stamps from the future, and infinite until all are known.
         """

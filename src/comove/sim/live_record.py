@@ -237,7 +237,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], hands: Array, limits: Ru
 
 
 def _hold_error(record: OnlineRecord, hands: Array, held: NDArray[np.bool_]) -> float:
-    """Return the largest commanded grasp error on the payload at some steps, (n_steps,) [m, rad]."""
+    """Return the largest commanded grasp error at some steps, (n_steps,) [m, rad]."""
     if not held.any():
         return 0.0
     nodes, hands, grasp = np.array(record.nodes)[held], hands[held], record.scene.grasp
