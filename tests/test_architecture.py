@@ -88,7 +88,7 @@ def test_the_order_is_that_of_the_design():
         *("errors", "arrays", "brief", "methods", "compiled", "trajectory"),
         *("io", "processes", "geometry"),
         *("dmp", "model", "verification", "contacts", "optim", "planning", "results"),
-        *("control", "robots", "sim", "stored", "solving", "ros", "data", "view", "lab", "cli"),
+        *("control", "robots", "sim", "stored", "solving", "ros", "tasks", "data", "view", "lab", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()
 

@@ -139,7 +139,7 @@ class SceneError(InputError):
 
 
 class TaskError(InputError):
-    """Task that contradicts itself, or a phase of it that cannot be carried out.
+    """Task that contradicts itself, or whose phase cannot be carried out.
 
     The key is the phase. Add what is missing before it, or give it other grasps, another goal or more budget.
 

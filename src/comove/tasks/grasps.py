@@ -19,7 +19,7 @@ MOST_WAYS = 64  # in which a scene's payload may be held by all arms together
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A place on a body, and how a gripper may come to it.
+    """A place on a body, and how grippers may come there.
 
     Fingers close across a direction, `along`, about which the gripper may be tilted.
 
@@ -66,7 +66,7 @@ class Grasp:
         return np.zeros(3) if self.position is None else np.array(self.position, dtype=float)
 
     def ways(self, n_most: int) -> list[dict[str, Any]]:
-        """Return at most so many grasps, as in a scene of version 2, the least tilted first."""
+        """Return at most so many grasps for a scene, the least tilted first."""
         down, along = self._directions()
         across = np.cross(down, along)
         sides = (1.0, -1.0) if self.flip else (1.0,)
@@ -83,7 +83,7 @@ class Grasp:
         return found
 
     def _directions(self) -> tuple[Array, Array]:
-        """Return the direction of the approach, and that between the fingers, across it; unit vectors, (3,)."""
+        """Return the directions of the approach and between the fingers; unit vectors, (3,)."""
         along = _unit(self._longest() if self.along is None else self.along)
         down = _unit(self.body.pose[:3, :3].T @ _unit(self.approach))
         down = down - (down @ along) * along
@@ -128,7 +128,7 @@ def _turn(part: Mapping[str, Any]) -> Array:
 
 
 def _beyond(part: Mapping[str, Any], point: Array) -> Array:
-    """Return by how much a point is outside a part, along its axes; array, shape (3,) [m]."""
+    """Return how far a point is outside a part; array, shape (3,) [m]."""
     edges = _edges(part)
     assert edges is not None, "others are left out"
     inside = _turn(part).T @ (point - np.array(part.get("position", np.zeros(3)), dtype=float))
@@ -136,7 +136,7 @@ def _beyond(part: Mapping[str, Any], point: Array) -> Array:
 
 
 def _spread(least: float, most: float, n_most: int) -> list[float]:
-    """Return angles of a range [deg], at most so many, the smallest first."""
+    """Return at most so many angles of a range [deg], smallest first."""
     n = max(1, min(n_most, 1 + int(np.ceil((most - least) / 15.0))))
     middle = 0.0 if least <= 0.0 <= most else 0.5 * (least + most)
     angles = (

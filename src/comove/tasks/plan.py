@@ -99,7 +99,10 @@ class TaskPlan:
         return Command(time, joints, closed, part.phases)
 
     def _is_closed(self, arm: str, number: int, since: float) -> bool:
-        """Return whether a gripper is to be closed, at an instant of a part [s]: as it was told last."""
+        """Return whether a gripper is closed at an instant of a part [s].
+
+        It is as it was told last.
+        """
         for k in range(number, -1, -1):
             part, until = self.parts[k], since if k == number else np.inf
             told = [

@@ -105,7 +105,7 @@ class _Planner:
         return [dict(zip(grasps, chosen, strict=True)) for chosen in product(*ways)]
 
     def _legs(self, ways: Ways, budget: float) -> Iterator[_Solved]:
-        """Yield the legs' solutions, the first by any of some ways to hold the body."""
+        """Yield the legs' solutions, the first by any of some ways."""
         stage, start, begin, left = self.stage, self.stage.body.pose, None, budget
         for number, leg in enumerate(stage.legs):
             is_last = number + 1 == len(stage.legs)
@@ -176,7 +176,7 @@ class _Planner:
         return Scene.from_dict(data, folder=self.world.folder)
 
     def _held(self, solution: Solution, start: Array) -> dict[str, dict[str, Any]]:
-        """Return the grasps that a solution chose for a body that starts at a pose, (4, 4) [m]."""
+        """Return a solution's grasps on a body at a start pose, (4, 4) [m]."""
         robot, q = self.world.robot, solution.joints.motion.joints.position[0]
         found = {}
         for name in self.stage.grasps:
@@ -226,7 +226,7 @@ def _clearance(solution: Solution) -> float:
 
 
 def _is_way(way: Mapping[str, Mapping[str, Any]], held: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Return whether a way to hold a body is the one that was chosen."""
+    """Return whether a way to hold a body was the chosen one."""
     return all(
         np.abs(np.array(way[arm][key]) - np.array(held[arm][key])).max() < 1e-3
         for arm in held

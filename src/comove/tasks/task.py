@@ -156,7 +156,7 @@ class Task:
         upright: bool | float = True,
         time: float | None = None,
     ) -> None:
-        """Set the body that is held down on an obstacle, turned as it is.
+        """Set the held body down on an obstacle, turned as it is.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Task:
         stage.open_time = _positive("open", time)
 
     def retreat(self) -> None:
-        """Draw the open grippers back from the body, and go where the arms were at the beginning.
+        """Draw the open grippers back, and go where the arms began.
 
         Raises
         ------

@@ -91,7 +91,7 @@ class World:
         return self.bodies[name]
 
     def top_of(self, obstacle: str) -> float:
-        """Return the height of the top of a level box among the obstacles [m].
+        """Return the height of the top of an obstacle, a level box [m].
 
         Raises
         ------
@@ -116,7 +116,10 @@ class World:
 
 
 def _corners(part: Mapping[str, Any]) -> Array:
-    """Return the corners of a part, or of a box around it, in the body's frame; array, shape (n, 3) [m]."""
+    """Return the corners of a part, or of a box around it.
+
+    Array, shape (n, 3), in the body's frame [m].
+    """
     match part["shape"]:
         case "box":
             half = 0.5 * np.array(part["size"], dtype=float)
