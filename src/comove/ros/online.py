@@ -47,7 +47,7 @@ class _Sent:
 
 @dataclass
 class _Seen:
-    """Where obstacles were taken to be, by instants of the monotonic clock [s]."""
+    """Where obstacles were taken to be, by the monotonic clock [s]."""
 
     time: list[float] = field(default_factory=list)
     centers: list[Array] = field(default_factory=list)

@@ -359,14 +359,14 @@ def centers_of_markers(message):
 class ObjectCenters:
     """Centres of collision objects: those of their first shapes.
 
-    An object that only moves tells no shapes; theirs are those that it told last.
+    An object that only moves tells no shapes; it keeps those that it told last.
     """
 
     def __init__(self):
         self.inner = {}
 
     def of_scene(self, message):
-        """Return the oldest stamp [ns], frame, and centres of a planning scene's objects."""
+        """Return oldest stamp [ns], frame, and centres of a planning scene."""
         return self.of(message.world.collision_objects)
 
     def of_one(self, message):
