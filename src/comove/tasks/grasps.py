@@ -66,7 +66,7 @@ class Grasp:
         return np.zeros(3) if self.position is None else np.array(self.position, dtype=float)
 
     def ways(self, n_most: int) -> list[dict[str, Any]]:
-        """Return at most so many grasps for a scene, the least tilted first."""
+        """Return at most so many grasps of a scene, least tilted first."""
         down, along = self._directions()
         across = np.cross(down, along)
         sides = (1.0, -1.0) if self.flip else (1.0,)

@@ -99,7 +99,7 @@ class TaskPlan:
         return Command(time, joints, closed, part.phases)
 
     def _is_closed(self, arm: str, number: int, since: float) -> bool:
-        """Return whether a gripper is closed at an instant of a part [s].
+        """Return whether a gripper is closed at a part's instant [s].
 
         It is as it was told last.
         """

@@ -176,7 +176,7 @@ class _Planner:
         return Scene.from_dict(data, folder=self.world.folder)
 
     def _held(self, solution: Solution, start: Array) -> dict[str, dict[str, Any]]:
-        """Return a solution's grasps on a body at a start pose, (4, 4) [m]."""
+        """Return the grasps of a solution whose body starts at a pose."""
         robot, q = self.world.robot, solution.joints.motion.joints.position[0]
         found = {}
         for name in self.stage.grasps:

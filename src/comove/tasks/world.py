@@ -91,7 +91,7 @@ class World:
         return self.bodies[name]
 
     def top_of(self, obstacle: str) -> float:
-        """Return the height of the top of an obstacle, a level box [m].
+        """Return the height of an obstacle's top, a level box [m].
 
         Raises
         ------
