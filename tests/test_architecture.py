@@ -194,7 +194,14 @@ def test_only_the_judges_make_verified_motions(modules):
 def test_nothing_imports_a_product_but_the_products_below_it(modules):
     """The core runs without simulators, ROS, datasets, figures and laboratory, and these without each other."""
     products = {"sim", "ros", "tasks", "data", "view", "lab"}
-    may = {"stored": {"sim"}, "tasks": {"sim"}, "data": {"sim"}, "view": {"sim"}, "lab": products, "cli": products}
+    may = {
+        "stored": {"sim"},
+        "tasks": {"sim"},
+        "data": {"sim"},
+        "view": {"sim"},
+        "lab": products,
+        "cli": products,
+    }
     for inside, room, nodes in modules.values():
         assert rooms_entered(nodes) & products <= may.get(room, set()) | {room}, inside
 

@@ -163,6 +163,96 @@ def test_a_goal_in_another_body_is_told_with_its_phase(robot):
         task.solve(budget=5.0)
 
 
+@pytest.fixture(scope="module")
+def handed(robot):
+    """A stick that the left arm lifts and gives to the right one, which sets it down; its plan."""
+    low = {**TABLE, "center": [0.9, 0.0, -0.05], "size": [0.8, 3.0, 0.17]}
+    sites = {side: pose(0.0, y, 0.025) for side, y in (("left", 0.1), ("right", -0.1))}
+    stick = Body("stick", ({"shape": "box", "size": [0.05, 0.3, 0.05]},), 0.3, pose(0.6, 0.2, 0.06), sites)
+    task = Task(World(robot, (low,), {"stick": stick}))
+    held = {"along": [0.0, 1.0, 0.0], "tilt_deg": (-60.0, 60.0), "flip": True}
+    task.approach(left=Grasp(stick, "left", **held))
+    task.close()
+    task.carry(stick, to=pose(0.8, 0.0, 0.7))
+    task.hand_over(stick, right=Grasp(stick, "right", **held))
+    task.carry(stick, shift=[0.0, -0.2, -0.1])
+    task.set_down(stick, "table", [0.7, -0.5], upright=False)
+    task.open()
+    task.retreat()
+    return task, stick, task.solve(budget=40.0)
+
+
+@pytest.mark.slow
+def test_a_body_is_held_at_every_instant_of_a_hand_over(handed, robot):
+    """By forward kinematics: who holds it stands still meanwhile, and it is where it was given."""
+    task, stick, plan = handed
+    assert [part.phases[0] for part in plan.parts] == [
+        *("approach", "carry", "hand_over", "hand_over"),
+        *("carry", "carry", "open"),
+    ]
+    for before, after in zip(plan.parts[:-1], plan.parts[1:], strict=True):
+        np.testing.assert_allclose(before.motion.position[-1], after.motion.position[0], atol=1e-9)
+    left, right = robot.arms
+    coming, leaving = (part.motion.position for part in plan.parts[2:4])
+    assert np.ptp(coming[:, left.columns], axis=0).max() == 0.0
+    assert np.ptp(leaving[:, right.columns], axis=0).max() == 0.0
+    grip = np.linalg.inv(robot.tool_pose(plan.parts[1].motion.position[0], left)) @ stick.pose
+    given = robot.tool_pose(coming[0], left) @ grip
+    np.testing.assert_allclose(given[:3, 3], [0.8, 0.0, 0.7], atol=1e-5)
+    taken = np.linalg.inv(robot.tool_pose(coming[-1], right)) @ given
+    end = robot.tool_pose(plan.parts[5].motion.position[-1], right) @ taken
+    np.testing.assert_allclose(end, task.pose_of(stick), atol=1e-5)
+    np.testing.assert_allclose(
+        robot.tool_pose(coming[-1], right)[:3, 3], (given @ stick.sites["right"])[:3, 3], atol=1e-5
+    )
+    begins = plan.parts[0].motion.duration
+    ends = sum(part.motion.duration for part in plan.parts[:6])
+    for command in plan.stream(20.0):
+        if begins <= command.time <= ends - 0.05:
+            assert any(command.closed.values())  # nobody drops it
+    assert not any(command.closed.values())
+
+
+@pytest.mark.slow
+def test_nothing_touches_while_it_is_handed_over(handed, robot):
+    """By the exact bodies at samples: arms with each other, and with the stick but for the hands at it."""
+    import coal
+    import pinocchio as pin
+
+    _, stick, plan = handed
+    geometry, data, placed = robot.collision, robot.model.createData(), robot.collision.createData()
+    box = coal.Box(*stick.parts[0]["size"])
+    grip = np.linalg.inv(robot.tool_pose(plan.parts[1].motion.position[0], robot.arms[0])) @ stick.pose
+    where = robot.tool_pose(plan.parts[2].motion.position[0], robot.arms[0]) @ grip
+    at = coal.Transform3s(where[:3, :3], where[:3, 3])
+    for part in plan.parts[2:4]:
+        for q in part.motion.position[::20]:
+            pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
+            assert not pin.computeCollisions(geometry, placed, False)
+            for number, item in enumerate(geometry.geometryObjects):
+                name = robot.model.frames[item.parentFrame].name
+                if "wrist_3" in name or "wrist_2" in name:  # of hands that hold it, or come to
+                    continue
+                place, found = placed.oMg[number], coal.DistanceResult()
+                there = coal.Transform3s(place.rotation, place.translation)
+                coal.distance(item.geometry, there, box, at, coal.DistanceRequest(), found)
+                assert found.min_distance > 0.004, name
+
+
+@pytest.mark.slow
+def test_a_hand_over_out_of_reach_is_told(robot):
+    stick = Body("stick", ({"shape": "box", "size": [0.05, 0.3, 0.05]},), 0.3, pose(0.6, 0.2, 0.06))
+    task = task_of(robot, stick)
+    held = {"along": [0.0, 1.0, 0.0], "tilt_deg": (-60.0, 60.0)}
+    task.approach(left=Grasp(stick, position=[0.0, 0.1, 0.025], **held))
+    task.close()
+    task.carry(stick, to=pose(0.5, 1.3, 0.5))
+    task.hand_over(stick, right=Grasp(stick, position=[0.0, -0.1, 0.025], **held))
+    task.carry(stick, shift=[0.0, -0.2, 0.0])
+    with pytest.raises(TaskError, match=r"carry 1 of 'stick'.*right"):
+        task.solve(budget=10.0)
+
+
 @given(
     seed=st.integers(0, 10_000),
     tilt=st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0)).map(sorted),
@@ -258,7 +348,9 @@ def test_phases_that_contradict_each_other(robot):
     assert "no obstacle 'tabel'; did you mean 'table'" in refused(
         lambda: task.set_down(body, "tabel", [0.8, 0.0])
     )
+    assert "nothing was carried" in refused(lambda: task.hand_over(body, left=grasps["left"]))
     task.carry(body, shift=[0.0, 0.0, 0.1])
+    assert "holds it already" in refused(lambda: task.hand_over(body, left=grasps["left"]))
     task.open()
     assert "retreat before" in refused(lambda: task.approach(**grasps))
     with pytest.raises(TaskError, match="did you mean 'board'"):

@@ -140,6 +140,10 @@ class Robot:
         """Return the names of the moving joints, in the order of q."""
         return tuple(self.model.names[1:])
 
+    def resting(self, joints: Array) -> Robot:
+        """Return the robot with other joints for home, array, shape (n_joints,) [rad]."""
+        return replace(self, arms=tuple(replace(arm, home=joints[arm.columns]) for arm in self.arms))
+
     @property
     def home(self) -> Array:
         """Return the joint positions with all arms at home; array, shape (n_joints,) [rad]."""

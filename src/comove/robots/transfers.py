@@ -23,6 +23,7 @@ from comove.errors import OptionError, RobotError
 from comove.model.motion import SAMPLE_RATE
 from comove.model.scene import Scene
 from comove.planning.seeds import minimum_jerk
+from comove.robots.effort import carried_masses
 from comove.robots.free_space import Room, way
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointCurve, JointMotion, Ranges, largest_approach
@@ -173,7 +174,8 @@ def possible_transfers(
     for end, other in ends.items():
         retreat = Retreat(robot, Carried(carry.motion.motion), end, other, height)
         try:
-            found[end] = _withdrawal(carry, retreat, grip_time, seed)
+            grasp = carry.joints.position[0 if end == "start" else -1]
+            found[end] = withdrawal(retreat, grasp, grip_time, seed)
         except RobotError as error:
             errors[end] = error
     if not found:
@@ -181,7 +183,7 @@ def possible_transfers(
     motions = {end: motion for end, (motion, _) in found.items()}
     transfers = Transfers(
         carry,
-        _reversed(motions["start"]) if "start" in motions else None,
+        backwards(motions["start"]) if "start" in motions else None,
         motions.get("goal"),
         grip_time,
         min(clearance for _, clearance in found.values()),
@@ -222,6 +224,7 @@ class Retreat:
     end : "start" or "goal"
     other : array, shape (n_joints,), joints from which an approach comes, or to which a release leads [rad, m]
     height : as of `plan_transfers` [m]
+    holding : other arms, which hold the payload meanwhile
     """
 
     robot: Robot
@@ -229,6 +232,7 @@ class Retreat:
     end: str
     other: Array
     height: float = SETTINGS.height
+    holding: tuple[Arm, ...] = ()
 
     @classmethod
     def on(cls, scene: Scene, robot: Robot, end: str, other: Array) -> Retreat:
@@ -260,7 +264,8 @@ class Retreat:
         """Return all bodies, the payload's at the end, and named so."""
         bases = Bases(self.robot, self.robot.description.uncertainty)
         where = self.carried.hands(self.carried.time).positions
-        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).placed_at(self.place)
+        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, holding=self.holding)
+        bodies = bodies.placed_at(self.place)
         named = list(bodies.bodies)
         for rod, *_ in bodies.rods:
             named[rod] = named[rod]._replace(name=f"{named[rod].name} at its {self.end}")
@@ -344,16 +349,25 @@ class _Still:
         return np.broadcast_to(self.place, (len(time), *self.place.shape))
 
 
-def _withdrawal(
-    carry: VerifiedJointMotion, retreat: Retreat, grip_time: float, seed: int
-) -> tuple[JointMotion, float]:
+def withdrawal(retreat: Retreat, grasp: Array, grip_time: float, seed: int) -> tuple[JointMotion, float]:
     """Plan and verify the motion from the grasp to the other joints.
 
     Grippers have time to open first. Return the motion, and a lower bound of its clearance [m].
+
+    Parameters
+    ----------
+    grasp : array, shape (n_joints,), joints that hold the payload at the end [rad, m]
+    grip_time : time in which grippers open [s]
+    seed : seed of the search
+
+    Raises
+    ------
+    RobotError
+        If a gripper cannot draw back, or no path was found.
     """
-    robot, scene, end = carry.robot, carry.scene, retreat.end
+    robot, scene, end = retreat.robot, retreat.scene, retreat.end
     retreat.require_free_rest()
-    back, room = retreat.behind(carry.joints.position[0 if end == "start" else -1])
+    back, room = retreat.behind(grasp)
     reasons = ["the search found no way"]
     for attempt in range(SETTINGS.attempts):
         rng = np.random.default_rng((seed, attempt))
@@ -364,9 +378,7 @@ def _withdrawal(
         parts = [_paced(robot, scene, retreat.arms, q) for q in ways]
         motion = _joined(robot, grip_time, parts)
         free_from = grip_time + (len(parts[0]) - 1) / SAMPLE_RATE
-        reasons, clearance = _verified(
-            scene, retreat.arms, motion, free_from, retreat.bodies, _Still(retreat.place)
-        )
+        reasons, clearance = _verified(retreat, motion, free_from)
         if not reasons:
             return motion, clearance
     raise RobotError(
@@ -434,9 +446,10 @@ def _joined(robot: Robot, wait: float, parts: list[Array]) -> JointMotion:
     return _unchanging(JointMotion(np.arange(len(position)) / SAMPLE_RATE, robot.joint_names, position))
 
 
-def _reversed(motion: JointMotion) -> JointMotion:
-    backwards = np.ascontiguousarray(motion.position[::-1])
-    return _unchanging(JointMotion(motion.time, motion.joint_names, backwards))
+def backwards(motion: JointMotion) -> JointMotion:
+    """Return a motion from its end to its beginning."""
+    position = np.ascontiguousarray(motion.position[::-1])
+    return _unchanging(JointMotion(motion.time, motion.joint_names, position))
 
 
 def _unchanging(motion: JointMotion) -> JointMotion:
@@ -449,29 +462,26 @@ def _whole(time: float) -> float:
     return np.ceil(time * SAMPLE_RATE - 1e-9) / SAMPLE_RATE
 
 
-def _verified(
-    scene: Scene,
-    arms: tuple[Arm, ...],
-    motion: JointMotion,
-    free_from: float,
-    everything: Bodies,
-    still: _Still,
-) -> tuple[list[str], float]:
+def _verified(retreat: Retreat, motion: JointMotion, free_from: float) -> tuple[list[str], float]:
     """Return the reasons against a withdrawal, and a clearance bound [m].
 
     Parameters
     ----------
     free_from : time from which grippers must keep clear of the payload, too [s]
-    everything : all pairs of bodies, those of grippers and payload among them
     """
-    robot, curve = everything.robot, motion.curve
+    everything, still, scene = retreat.bodies, _Still(retreat.place), retreat.scene
+    robot, curve, holding = everything.robot, motion.curve, retreat.holding
+    arms = (*retreat.arms, *holding)
+    masses = np.repeat(
+        [0.0, carried_masses(scene).sum() / max(len(holding), 1)], [len(retreat.arms), len(holding)]
+    )
     in_hands = list(beyond_wrists(robot, (robot.arm(name) for name in scene.file.holders)))
     of_hands = np.isin(everything.joint[everything.ends], in_hands).any(axis=1) & (everything.kind == LOAD)
     bodies, hands = everything.some(~of_hands), everything.some(of_hands)
     findings = [
         check.rest(robot, curve),
         check.limits(robot, curve),
-        check.torques(robot, curve, arms, np.zeros(len(arms))),
+        check.torques(robot, curve, arms, masses),
     ]
     parts = [(bodies, still, curve)]
     if of_hands.any():

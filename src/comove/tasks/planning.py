@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from comove.arrays import Array
-from comove.errors import ComoveError, TaskError
+from comove.errors import ComoveError, RobotError, TaskError
 from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.planning.solution import Solution
+from comove.robots.model import Arm
 from comove.robots.motion import JointMotion
-from comove.robots.transfers import plan_transfers
+from comove.robots.transfers import Retreat, backwards, plan_transfers, withdrawal
+from comove.robots.verification.carried import Carried
 from comove.solving import solve
 from comove.tasks.grasps import MOST_WAYS
 from comove.tasks.plan import TaskPart, TaskPlan
@@ -34,6 +36,7 @@ Ways = list[dict[str, dict[str, Any]]]
 def planned(world: World, stages: Sequence[Stage], budget: float, seed: int) -> TaskPlan:
     """Return the plan of all stages; see `Task.solve`."""
     parts, poses, left = list[TaskPart](), {name: body.pose for name, body in world.bodies.items()}, budget
+    before: _Solved | None = None
     for number, stage in enumerate(stages):
         if not stage.legs:
             raise TaskError(
@@ -42,7 +45,8 @@ def planned(world: World, stages: Sequence[Stage], budget: float, seed: int) -> 
                 way_out="close the hands and carry it, or leave the approach out",
             )
         share = left / (len(stages) - number)
-        found, spent = _Planner(world, stage, poses, seed).parts(share)
+        planner = _Planner(world, stage, poses, seed, before if stage.takes_over else None)
+        found, before, spent = planner.parts(share)
         parts += found
         left = max(left - spent, 0.1 * budget)
         poses[stage.body.name] = stage.legs[-1].goal
@@ -64,19 +68,19 @@ class _Planner:
     world, stage : the world, and the stage
     poses : where bodies are, by name, arrays, shape (4, 4) [m]
     seed : seed of all random numbers
+    giving : last transfer of the arms from which these take the body over; None for none
     """
 
-    def __init__(self, world: World, stage: Stage, poses: Mapping[str, Array], seed: int):
-        self.world, self.stage, self.seed = world, stage, seed
+    def __init__(
+        self, world: World, stage: Stage, poses: Mapping[str, Array], seed: int, giving: _Solved | None
+    ):
+        self.world, self.stage, self.seed, self.giving = world, stage, seed, giving
         others = (body.at(poses[name]) for name, body in world.bodies.items() if name != stage.body.name)
         self.obstacles = [dict(obstacle) for obstacle in world.obstacles]
         self.obstacles += [obstacle for body in others for obstacle in _as_obstacles(body)]
-        for obstacle in self.obstacles:
-            if obstacle["name"] == stage.rests_on:
-                obstacle["support"] = True
 
-    def parts(self, budget: float) -> tuple[list[TaskPart], float]:
-        """Return the parts of the stage, and the processor time used [s]."""
+    def parts(self, budget: float) -> tuple[list[TaskPart], _Solved, float]:
+        """Return the stage's parts, last transfer, and processor time [s]."""
         ways, spent, error = self._ways(), 0.0, None
         while ways:
             try:
@@ -84,10 +88,10 @@ class _Planner:
                 for solved in self._legs(ways, budget - spent):
                     legs.append(solved)
                     spent += solved.solution.effort.seconds
-                return list(self._written(legs)), spent
+                return list(self._written(legs)), legs[-1], spent
             except TaskError as why:
                 error = error or why
-                if not legs or len(legs) == len(self.stage.legs) or spent >= budget:
+                if not legs or spent >= budget or (len(legs) == len(self.stage.legs) and self.giving is None):
                     break
                 ways = [
                     way
@@ -109,7 +113,7 @@ class _Planner:
         stage, start, begin, left = self.stage, self.stage.body.pose, None, budget
         for number, leg in enumerate(stage.legs):
             is_last = number + 1 == len(stage.legs)
-            wanted: dict[str, Any] = {"approach": True} if begin is None else {"begin": begin}
+            wanted: dict[str, Any] = {"begin": begin} if number else {"approach": self.giving is None}
             if is_last and stage.retreats:
                 wanted["release"] = True
             scene, solution = self._solved(
@@ -147,6 +151,18 @@ class _Planner:
             )
         return _Solved(scene, found)
 
+    def _supported(self, leg: Leg, start: Array) -> list[dict[str, Any]]:
+        """Return the obstacles; the body rests on some at the start, or at the goal of a leg."""
+        stage, found = self.stage, [dict(obstacle) for obstacle in self.obstacles]
+        begins, ends = start is stage.body.pose and self.giving is None, leg is stage.legs[-1]
+        for obstacle in found:
+            rests = begins and obstacle.pop("support", False)
+            if rests or (ends and obstacle["name"] == stage.rests_on):
+                obstacle["support"] = True
+            else:
+                obstacle.pop("support", None)
+        return found
+
     def _scene(self, leg: Leg, start: Array, ways: Ways) -> Scene:
         """Return the scene of a leg."""
         body = self.stage.body
@@ -159,7 +175,7 @@ class _Planner:
                 "lower": (around.min(axis=0) - reach).tolist(),
                 "upper": (around.max(axis=0) + reach).tolist(),
             },
-            "obstacles": self.obstacles,
+            "obstacles": self._supported(leg, start),
             "payload": {
                 "parts": list(body.parts),
                 "mass": body.mass,
@@ -192,12 +208,16 @@ class _Planner:
         """Yield the parts of solved legs."""
         stage, first, last = self.stage, legs[0].solution, legs[-1].solution
         close, open_ = stage.close_time or 1.0, stage.open_time
-        approach, motion = first.joints.transfers, first.joints.motion
-        if close != approach.grip_time:
-            approach = plan_transfers(motion, release=False, grip_time=close, seed=self.seed)
-        begins = approach.approach.duration - approach.grip_time
-        closing = dict.fromkeys(stage.grasps, begins)
-        yield TaskPart(("approach", "close"), approach.approach, closing, {}, approach.clearance_min, first)
+        if self.giving is not None:
+            yield from self._taken_over(first, close)
+        else:
+            approach, motion = first.joints.transfers, first.joints.motion
+            if close != approach.grip_time:
+                approach = plan_transfers(motion, release=False, grip_time=close, seed=self.seed)
+            closing = dict.fromkeys(stage.grasps, approach.approach.duration - close)
+            yield TaskPart(
+                ("approach", "close"), approach.approach, closing, {}, approach.clearance_min, first
+            )
         for leg in legs:
             found = leg.solution.joints
             yield TaskPart(("carry",), found.motion.joints, {}, {}, _clearance(leg.solution), leg.solution)
@@ -215,6 +235,43 @@ class _Planner:
         if open_ != release.grip_time:
             release = plan_transfers(last.joints.motion, approach=False, grip_time=open_, seed=self.seed)
         yield TaskPart(("open", "retreat"), release.release, {}, opening, release.clearance_min, last)
+
+    def _taken_over(self, taking: Solution, time: float) -> Iterator[TaskPart]:
+        """Yield how arms take the body over.
+
+        They come while the others hold it, and then these leave.
+        """
+        assert self.giving is not None, "the body is taken from other arms"
+        robot, given = self.world.robot, self.giving.solution
+        takers = tuple(robot.arm(name) for name in self.stage.grasps)
+        givers = tuple(robot.arm(name) for name in self.giving.scene.manipulators)
+        held, away = given.joints.motion.joints.position[-1], robot.home
+        both = held.copy()
+        for arm in takers:
+            both[arm.columns] = away[arm.columns] = taking.joints.motion.joints.position[0][arm.columns]
+        coming, clearance = self._withdrawal(taking, "start", held, givers, both, time)
+        closing = dict.fromkeys(self.stage.grasps, coming.duration - time)
+        yield TaskPart(("hand_over",), backwards(coming), closing, {}, clearance, taking)
+        leaving, clearance = self._withdrawal(given, "goal", away, takers, both, time)
+        opening = {arm.name: 0.0 for arm in givers}
+        yield TaskPart(("hand_over",), leaving, {}, opening, clearance, given)
+
+    def _withdrawal(
+        self, solution: Solution, end: str, other: Array, holding: tuple[Arm, ...], both: Array, time: float
+    ) -> tuple[JointMotion, float]:
+        """Return how a solution's arms leave the body at an end, and its clearance [m].
+
+        Others hold it meanwhile. The motion leads from joints `both` to joints `other`, arrays (n_joints,).
+        """
+        robot, carried = self.world.robot.resting(other), Carried(solution.motion.motion)
+        try:
+            return withdrawal(Retreat(robot, carried, end, other, holding=holding), both, time, self.seed)
+        except RobotError as error:
+            raise TaskError(
+                f"hand_over of '{self.stage.body.name}': {error.message}",
+                key="hand_over",
+                way_out=error.way_out,
+            ) from error
 
 
 def _clearance(solution: Solution) -> float:

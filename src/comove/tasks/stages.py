@@ -29,6 +29,7 @@ class Stage:
     grasps : how each arm may hold it, by the arm's name
     close_time, open_time : time in which grippers close, open [s]; None where they do not
     legs : its transfers
+    takes_over : whether the arms take the body from those of the stage before
     rests_on : name of the obstacle on which it is set down; None for none
     retreats : whether the arms draw back in the end
     """
@@ -38,5 +39,6 @@ class Stage:
     close_time: float | None = None
     legs: list[Leg] = field(default_factory=list)
     open_time: float | None = None
+    takes_over: bool = False
     rests_on: str | None = None
     retreats: bool = False

@@ -17,7 +17,7 @@ for command in plan.stream(rate=20): ...
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -65,15 +65,7 @@ class Task:
         self._require(not self._is_holding, "approach", "the hands are full", "open them before")
         done = not self.stages or self.stages[-1].retreats
         self._require(done, "approach", "the hands are at a body already", "retreat before")
-        arms = {arm.name for arm in self.world.robot.arms}
-        self._require(
-            bool(grasps), "approach", "no arm is named", f"name one or more of {', '.join(sorted(arms))}"
-        )
-        for name, grasp in grasps.items():
-            self._require(name in arms, "approach", f"there is no arm '{name}'", near_name(name, arms))
-            self._require(
-                isinstance(grasp, Grasp), "approach", f"'{name}' has a {type(grasp).__name__}", "give a Grasp"
-            )
+        self._require_grasps("approach", grasps)
         bodies = {grasp.body.name for grasp in grasps.values()}
         self._require(
             len(bodies) == 1,
@@ -177,6 +169,38 @@ class Task:
         self.carry(body, to=goal, upright=upright, time=time)
         self.stages[-1].rests_on = on
 
+    def hand_over(self, body: Body, time: float = 1.0, **grasps: Grasp) -> None:
+        """Hand the held body over to other arms.
+
+        They approach it where it is and close; then those that held it open and draw back.
+
+        Parameters
+        ----------
+        body : the body
+        time : time in which grippers close, and in which the others open [s]
+        grasps : how each arm may take it, by the arm's name
+
+        Raises
+        ------
+        TaskError
+            If it is not held or was not carried, or an arm is unknown or holds it already.
+        """
+        stage = self._held("hand_over", body)
+        self._require(
+            bool(stage.legs), "hand_over", "nothing was carried", "carry the body to where it is taken"
+        )
+        self._require_grasps("hand_over", grasps)
+        both = sorted(set(grasps) & set(stage.grasps))
+        self._require(not both, "hand_over", f"'{', '.join(both)}' holds it already", "name other arms")
+        other = next(
+            (grasp.body.name for grasp in grasps.values() if grasp.body.name != body.name), body.name
+        )
+        self._require(
+            other == body.name, "hand_over", f"a grasp is of '{other}'", f"give grasps of '{body.name}'"
+        )
+        time = _positive("hand_over", time)
+        self.stages.append(Stage(body.at(self.pose_of(body)), grasps, close_time=time, takes_over=True))
+
     def open(self, time: float = 1.0) -> None:
         """Open the grippers that hold something, in a time [s]. The body stays where it is.
 
@@ -231,6 +255,17 @@ class Task:
         return (
             bool(self.stages) and self.stages[-1].close_time is not None and self.stages[-1].open_time is None
         )
+
+    def _require_grasps(self, phase: str, grasps: Mapping[str, Grasp]) -> None:
+        arms = {arm.name for arm in self.world.robot.arms}
+        self._require(
+            bool(grasps), phase, "no arm is named", f"name one or more of {', '.join(sorted(arms))}"
+        )
+        for name, grasp in grasps.items():
+            self._require(name in arms, phase, f"there is no arm '{name}'", near_name(name, arms))
+            self._require(
+                isinstance(grasp, Grasp), phase, f"'{name}' has a {type(grasp).__name__}", "give a Grasp"
+            )
 
     def _held(self, phase: str, body: Body) -> Stage:
         """Return the stage in which a body is held."""

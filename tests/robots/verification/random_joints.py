@@ -196,7 +196,7 @@ def judged(name, draw, deviations=None):
     if deviations is not None:
         uncertainty = Uncertainty(joints=dict(zip(draw.robot.joint_names, deviations.tolist(), strict=True)))
     bases, hands = Bases(draw.robot, uncertainty), carried.hands(carried.time).positions
-    bodies = bodies_of(bases, arms, carried, hands, 1e-5, held=False, curve=curve)
+    bodies = bodies_of(bases, arms, carried, hands, 1e-5, holding=(), curve=curve)
     bodies = bodies if deviations is None else bodies.deviating
     clearance, required = certify(bodies, carried, curve, 0.0)[draw.kind], bodies.required[draw.kind]
     met, time = least(name, draw)

@@ -412,7 +412,7 @@ def test_a_load_put_down_in_a_link_is_met_there(link):
     motion, joints = known_carry()
     carried, robot = Carried(motion), baxter()
     q, hands = joints.curve(0.0), motion.hands(np.linspace(0, 1, 50))[0]
-    world = bodies_of(Bases(robot, Uncertainty()), robot.arms, carried, hands, 0.0, held=False)
+    world = bodies_of(Bases(robot, Uncertainty()), robot.arms, carried, hands, 0.0, holding=())
     data, placed = robot.model.createData(), robot.collision.createData()
     pin.updateGeometryPlacements(robot.model, data, robot.collision, placed, q)
     middle = placed.oMg[robot.collision.getGeometryId(link)].translation

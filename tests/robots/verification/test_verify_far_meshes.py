@@ -68,7 +68,7 @@ def test_a_tip_that_passes_between_two_instants_is_nearest_there(folder, robot, 
         carried = Carried.straight(scene)
         bases = Bases(robot, robot.description.uncertainty)
         hands = carried.hands(carried.time).positions
-        bodies = bodies_of(bases, (robot.arm("left"),) * 2, carried, hands, 1e-9, held=False)
+        bodies = bodies_of(bases, (robot.arm("left"),) * 2, carried, hands, 1e-9, holding=())
         settings = JointCertificateSettings(parts=parts)
         found = certify(bodies, carried, motion.curve, slack, settings)[SCENE]
         assert 0.5 * gap < found.lower <= gap + 1e-9

@@ -294,7 +294,7 @@ def bodies_of(
     hands: Array,
     miss: float,
     *,
-    held: bool = True,
+    holding: Sequence[Arm] | None = None,
     curve: JointCurve | None = None,
 ) -> Bodies:
     """Combine robot, obstacles and payload.
@@ -304,13 +304,14 @@ def bodies_of(
     arms : arms in the order of the end effectors
     hands : array, shape (n_steps, n_hands, 3), positions of the end effectors [m]
     miss : largest error of the end effectors from the payload's motion [m]
-    held : whether the holders' end effectors hold the payload, and so have no distance from it
+    holding : arms whose end effectors hold the payload, and so have no distance from it; all holders unless given
     curve : joint positions by time [s], from which joints may deviate; any within the limits unless given
     """
     robot, scene = bases.robot, carried.motion.scene
     links, shapes = links_of(robot), load_shapes(carried)
     holders = tuple(arms[i] for i in scene.file.holder_numbers)
-    known = _bodies_for_all_motions(scene, robot, holders if held else (), len(shapes))
+    held_by = holders if holding is None else tuple(holding)
+    known = _bodies_for_all_motions(scene, robot, held_by, len(shapes))
     n_own, first_load = len(links.bodies), len(known.bodies) - len(known.hulls)
     rods = tuple((first_load + k, *shape.nodes) for k, shape in enumerate(shapes))
     loads = [
