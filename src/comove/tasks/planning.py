@@ -259,10 +259,11 @@ class _Planner:
     def _withdrawal(
         self, solution: Solution, end: str, other: Array, holding: tuple[Arm, ...], both: Array, time: float
     ) -> tuple[JointMotion, float]:
-        """Return how a solution's arms leave the body at an end, and its clearance [m].
+        """Return how arms leave the body at an end, and its clearance [m].
 
         Others hold it meanwhile. The motion leads from joints `both` to joints `other`, arrays (n_joints,).
         """
+        assert solution.motion is not None, "it is verified"
         robot, carried = self.world.robot.resting(other), Carried(solution.motion.motion)
         try:
             return withdrawal(Retreat(robot, carried, end, other, holding=holding), both, time, self.seed)
