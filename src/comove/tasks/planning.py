@@ -259,7 +259,7 @@ class _Planner:
     def _withdrawal(
         self, solution: Solution, end: str, other: Array, holding: tuple[Arm, ...], both: Array, time: float
     ) -> tuple[JointMotion, float]:
-        """Return how arms leave the body at an end, and its clearance [m].
+        """Return how arms leave the body at an end, and the clearance.
 
         Others hold it meanwhile. The motion leads from joints `both` to joints `other`, arrays (n_joints,).
         """
