@@ -88,15 +88,25 @@ class TaskPlan:
     def _begins(self) -> Array:
         return np.cumsum([0.0, *(part.motion.duration for part in self.parts)])
 
-    def at(self, time: float) -> Command:
-        """Return the command at an instant [s]; before the beginning and after the end, that at these."""
+    def derivatives(self, time: float) -> tuple[Array, Array, Array]:
+        """Return joints, rates and accelerations at an instant [s]; arrays, shape (n_joints,)."""
+        number, since = self._part_at(time)
+        curve, now = self.parts[number].motion.curve, np.array([since])
+        return curve(now)[0], curve(now, 1)[0], curve(now, 2)[0]
+
+    def _part_at(self, time: float) -> tuple[int, float]:
+        """Return the number of the part at an instant, and the instant in it [s]."""
         time = float(np.clip(time, 0.0, self.duration))
         number = min(bisect_right(self._begins.tolist(), time) - 1, len(self.parts) - 1)
-        part, since = self.parts[number], time - float(self._begins[number])
-        q = part.motion.curve(np.array([since]))[0]
+        return number, time - float(self._begins[number])
+
+    def at(self, time: float) -> Command:
+        """Return the command at an instant [s]; before the beginning and after the end, that at these."""
+        number, since = self._part_at(time)
+        part, (q, _, _) = self.parts[number], self.derivatives(time)
         joints = {arm.name: q[arm.columns] for arm in self.robot.arms}
         closed = {arm.name: self._is_closed(arm.name, number, since) for arm in self.robot.arms}
-        return Command(time, joints, closed, part.phases)
+        return Command(float(self._begins[number]) + since, joints, closed, part.phases)
 
     def _is_closed(self, arm: str, number: int, since: float) -> bool:
         """Return whether a gripper is closed at a part's instant [s].
