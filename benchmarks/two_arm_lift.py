@@ -78,7 +78,9 @@ def planned(world: World, seed: int) -> TaskPlan:
     crossed = np.linalg.norm(hands[0] - handles[0]) > np.linalg.norm(hands[0] - handles[1])
     sites = ["pot_handle0", "pot_handle1"][:: -1 if crossed else 1]
     task = Task(world)
-    task.approach(**{arm.name: Grasp(pot, site, **held) for arm, site in zip(world.robot.arms, sites, strict=True)})
+    task.approach(
+        **{arm.name: Grasp(pot, site, **held) for arm, site in zip(world.robot.arms, sites, strict=True)}
+    )
     task.close(time=1.0)
     task.carry(pot, shift=[0.0, 0.0, LIFT], upright=True, time=4.0)
     return task.solve(budget=20.0, seed=seed)
@@ -94,9 +96,14 @@ def actions(env, world: World):
         for robot in env.robots:
             parts = {}
             for arm in robot.arms:
-                columns = [by_qpos[int(model.joint(j).qposadr[0])] for j in robot.robot_model.arm_joints
-                           if len(robot.arms) == 1 or j.split("_", 1)[1].startswith(arm)]
-                owner = next(a.name for a in world.robot.arms if set(columns) <= set(np.asarray(a.columns).tolist()))
+                columns = [
+                    by_qpos[int(model.joint(j).qposadr[0])]
+                    for j in robot.robot_model.arm_joints
+                    if len(robot.arms) == 1 or j.split("_", 1)[1].startswith(arm)
+                ]
+                owner = next(
+                    a.name for a in world.robot.arms if set(columns) <= set(np.asarray(a.columns).tolist())
+                )
                 parts[arm] = joints[columns]
                 parts[f"{arm}_gripper"] = np.array([1.0 if closed[owner] else -1.0])
             found.append(robot.create_action_vector(parts))
@@ -125,7 +132,15 @@ def lifted(name: str, seed: int) -> tuple[bool, float, float, float, str]:
     for command in plan.stream(RATE):
         q, rate, bend = plan.derivatives(min(command.time + ahead, plan.duration))
         env.step(action(q + 2.0 * rate / np.sqrt(STIFFNESS) + bend / STIFFNESS, dict(command.closed)))
-        lag = max(lag, float(np.abs(world.joints_of(env.sim) - plan.derivatives(min(command.time + 2 * ahead, plan.duration))[0]).max()))
+        lag = max(
+            lag,
+            float(
+                np.abs(
+                    world.joints_of(env.sim.data)
+                    - plan.derivatives(min(command.time + 2 * ahead, plan.duration))[0]
+                ).max()
+            ),
+        )
     for _ in range(HOLDING):
         env.step(action(plan.derivatives(plan.duration)[0], dict(command.closed)))
     success = bool(env._check_success())

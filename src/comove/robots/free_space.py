@@ -93,6 +93,11 @@ class Room:
         outline = Outline.between(robot, scene, ends, nodes, keep=room._limits[0], eased=eased)
         return replace(room, outline=outline)
 
+    @classmethod
+    def widest(cls, bodies: Bodies) -> Room:
+        """Return the free space with the least spare clearance, which every other one is part of."""
+        return cls(bodies, bodies.robot.arms, np.full(len(bodies.kind), SETTINGS.spares[-1]))
+
     @property
     def rigorous(self) -> Room:
         """Return the same space without approximate checks."""

@@ -284,7 +284,7 @@ class Retreat:
 
     def require_free_rest(self) -> None:
         """Reject other joints that are not free."""
-        room = self._room(self.other)
+        room = self.room(self.other)
         if near := room.contact(self.other):
             what, mend = "release", "give another home in the robot's description"
             if self.end == "start":
@@ -295,8 +295,8 @@ class Retreat:
                 way_out=f"{mend}, or leave the {what} out",
             )
 
-    def behind(self, grasp: Array) -> tuple[Array, Room]:
-        """Return the joints of the straight retreat, and the free space beyond.
+    def behind(self, grasp: Array) -> Array:
+        """Return the joints of the straight retreat; array, shape (straight_steps, n_joints).
 
         Parameters
         ----------
@@ -315,9 +315,8 @@ class Retreat:
             except RobotError as why:
                 error = error or why
                 continue
-            room = self._room(back[-1])
-            if not (near := room.contact(back[-1])):
-                return back, room
+            if not (near := self._widest.contact(back[-1])):
+                return back
             error = RobotError(
                 f"{height:.3g} m behind the grasp at the {self.end}, {near} come too near to each other",
                 key="height",
@@ -326,7 +325,12 @@ class Retreat:
         assert error is not None, "a share was tried"
         raise error
 
-    def _room(self, q: Array) -> Room:
+    @cached_property
+    def _widest(self) -> Room:
+        return Room.widest(self.bodies)
+
+    def room(self, q: Array) -> Room:
+        """Return the free space from joints q, array (n_joints,), to the other ones."""
         ends = np.stack([q, self.other])
         return Room.for_ends(self.bodies, self.scene, ends, self.scene.nodes_at(self.end))
 
@@ -367,7 +371,8 @@ def withdrawal(retreat: Retreat, grasp: Array, grip_time: float, seed: int) -> t
     """
     robot, scene, end = retreat.robot, retreat.scene, retreat.end
     retreat.require_free_rest()
-    back, room = retreat.behind(grasp)
+    back = retreat.behind(grasp)
+    room = retreat.room(back[-1])
     reasons = ["the search found no way"]
     for attempt in range(SETTINGS.attempts):
         rng = np.random.default_rng((seed, attempt))

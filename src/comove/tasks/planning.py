@@ -177,7 +177,7 @@ class _Planner:
             },
             "obstacles": self._supported(leg, start),
             "payload": {
-                "parts": list(body.parts),
+                "parts": [dict(part) for part in body.parts],
                 "mass": body.mass,
                 "start": _written_pose(start),
                 "goal": _written_pose(leg.goal),
