@@ -35,9 +35,9 @@ class PlayedHere:
 
     threads = ()
 
-    def __init__(self, robot, position, obstacles=(), frame="world"):
+    def __init__(self, robot, position, obstacles=None, frame="world"):
         self.robot, self.position = robot, list(position)
-        self.obstacles, self.frame = dict(obstacles), frame
+        self.obstacles, self.frame = None if obstacles is None else dict(obstacles), frame
         self.silent, self.more = {}, []
         self.player, self.rows, self.number = None, [], 0
         self.over, self.lock = threading.Event(), threading.Lock()
@@ -88,10 +88,9 @@ class PlayedHere:
             if self.speaks("joints"):
                 position = dict(zip(self.robot.joint_names, self.position, strict=True))
                 found.append({"event": "joints", "time": now, "age": 0.0, "position": position})
-            if self.obstacles and self.speaks("obstacles"):
-                found.append(
-                    {"event": "obstacles", "time": now, "frame": self.frame, "centers": self.obstacles}
-                )
+            if self.obstacles is not None and self.speaks("obstacles"):
+                centers = {name: center for name, center in self.obstacles.items() if self.speaks(name)}
+                found.append({"event": "obstacles", "time": now, "frame": self.frame, "centers": centers})
         return found
 
     def end_input(self):
@@ -195,36 +194,62 @@ def test_arms_wait_while_the_joints_are_silent(planned, connected):
     assert still > 0.8 and time.monotonic() - begun > 4.0
 
 
-@pytest.mark.slow
-def test_arms_wait_while_obstacles_are_not_seen(planned, connected):
-    scene, plan = planned
-    moves = {"waypoints": [[0.7, 3.0, 0.3], [0.7, 3.1, 0.3]], "times": [0.0, 3.0]}
+def with_obstacles(scene, centers):
+    """A scene with spheres that move far away."""
     data = scene.file.model_dump(mode="json", exclude_none=True)
-    data["obstacles"] = [
-        *data.get("obstacles", []),
-        {"name": "cart", "shape": "sphere", "center": [0.7, 3.0, 0.3], "radius": 0.1, "motion": moves},
+    added = [
+        {"name": name, "shape": "sphere", "center": center, "radius": 0.1}
+        | {"motion": {"waypoints": [center, [*center[:2], center[2] + 0.1]], "times": [0.0, 3.0]}}
+        for name, center in centers.items()
     ]
-    seen = Scene.from_dict(data)
-    bridge = connected(obstacles={"cart": [0.7, 3.0, 0.3]})
+    return Scene.from_dict({**data, "obstacles": [*data.get("obstacles", []), *added]})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", ["obstacles", "cart"])  # all messages, or one of the obstacles in them
+def test_arms_wait_while_obstacles_are_not_seen(planned, connected, lost):
+    scene, plan = planned
+    centers = {"cart": [0.7, 3.0, 0.3], "box": [0.7, 4.0, 0.3]}
+    seen = with_obstacles(scene, centers)
+    bridge = connected(obstacles=centers)
     names = moving_names(seen)
-    assert list(names.values()) == ["cart"]
+    assert list(names.values()) == list(centers)
     stream = CommandStream(plan.robot, StreamNames(obstacles="/seen"), QUICK, obstacles=names)
     observer = Observed(seen, Sensor(noise=0.005))
     zero = await_obstacles(stream, observer, 2.0)
     executor = JointExecutor(seen, plan.robot, observer, plan=plan, settings=SETTINGS)
-    usual, steps = executor.step, iter(range(10**6))
+    usual, steps, stopped = executor.step, iter(range(10**6)), []
 
     def step(measured):
         if next(steps) == 100:
-            bridge.silent["obstacles"] = time.monotonic() + 2.0
+            stopped.append(time.monotonic())
+            bridge.silent[lost] = stopped[0] + 2.0
         return usual(measured)
 
     executor.step = step
     run = run_streamed(executor, stream, 20.0, zero=zero)
     assert run.arrived and run.stops and set(run.stops) <= LATE
-    np.testing.assert_allclose(
-        run.obstacles[:, next(iter(names))], [[0.7, 3.0, 0.3]] * len(run.commanded), atol=0.05
-    )
+    at, _, _, commanded, _ = (np.array(column) for column in zip(*bridge.rows, strict=True))
+    blind = (at[1:] > stopped[0] + 1.5) & (at[1:] < stopped[0] + 2.0)
+    assert blind.any() and not np.diff(commanded, axis=0)[blind].any()
+    for number, name in names.items():
+        away = run.obstacles[:, number] - centers[name]
+        assert np.abs(away).max() < 0.05
+
+
+@pytest.mark.parametrize("centers", [{"box": [0.0, 1.0, 1.0]}, {}, {"cart": [float("nan")] * 3}])
+def test_an_obstacle_that_vanishes_from_messages_is_silent(planned, connected, centers):
+    both = {"cart": [0.0, 0.0, 1.0], "box": [0.0, 1.0, 1.0]}
+    bridge = connected(obstacles=both)
+    names = {2: "cart", 5: "box"}
+    stream = CommandStream(planned[1].robot, StreamNames(obstacles="/seen"), QUICK, obstacles=names)
+    assert stream.obstacles_age == float("inf")
+    assert {seen.number for seen in stream.news(0.005)} == {2, 5} and stream.obstacles_age < 0.1
+    bridge.obstacles = centers
+    begun = time.monotonic()
+    while time.monotonic() < begun + 0.2:
+        assert 2 not in {seen.number for seen in stream.news(0.005)}
+    assert stream.obstacles_age > 0.19
 
 
 @pytest.mark.slow

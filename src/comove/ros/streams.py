@@ -171,7 +171,8 @@ class CommandStream:
         self.kinds, self.ages = frozenset[str](), list[float]()
         self._obstacles = dict(obstacles or {})
         self._numbers = {name: number for number, name in self._obstacles.items()}
-        self._position, self._heard, self._seen_at = dict[str, float](), -np.inf, -np.inf
+        self._position, self._heard = dict[str, float](), -np.inf
+        self._seen_at = dict.fromkeys(self._obstacles, -np.inf)
         self._braked, self._rows = list[Braked](), list[Event]()
         self._bridge = self._opened(python)
 
@@ -220,8 +221,12 @@ class CommandStream:
 
     @property
     def obstacles_age(self) -> float:
-        """Return the time since obstacles were measured last [s]; 0 if none are to be told."""
-        return time.monotonic() - self._seen_at if self._obstacles else 0.0
+        """Return the time since that obstacle was measured of which nothing came for longest [s].
+
+        It is 0 if none are to be told, and negative for stamps from the future.
+        """
+        now = time.monotonic()
+        return max((now - at for at in self._seen_at.values()), key=abs, default=0.0)
 
     def require_clock(self) -> None:
         """Wait until the joints are as new as clocks allow.
@@ -330,20 +335,16 @@ class CommandStream:
             number = self._numbers.get(name)
             if number is None and name.isdecimal() and int(name) < len(counted):
                 number = counted[int(name)]
-            if number is not None:
+            if number is not None and np.isfinite(center).all():
                 found.append(SeenObstacle(number, np.array(center, dtype=float), event["time"]))
-        missing = [
-            name for number, name in self._obstacles.items() if number not in {s.number for s in found}
-        ]
-        if missing and not found:
+        if counted and not found and not np.isfinite(list(self._seen_at.values())).any():
             told = ", ".join(event["centers"]) or "nothing"
             raise SendError(
-                f"{self.names.obstacles} tells of {told}, and not of '{missing[0]}'",
+                f"{self.names.obstacles} tells of {told}, and not of '{self._obstacles[counted[0]]}'",
                 key="obstacles",
                 way_out="give it the names that obstacles have in the scene, or numbers from 0 in their order",
             )
-        if found:
-            self._seen_at = event["time"]
+        self._seen_at |= {seen.number: seen.time for seen in found}
         return found
 
 
