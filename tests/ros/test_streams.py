@@ -324,6 +324,95 @@ def test_obstacles_that_are_not_the_scenes(planned, connected, frame, centers, w
     assert advice in found.value.way_out
 
 
+class CloudsHere:
+    """What reads clouds, without ROS."""
+
+    def __init__(self, *_):
+        self.unseen, self.ended, self.events, self.zero, self.over = (
+            {"cart": "3 points show it"},
+            "",
+            [],
+            None,
+            0,
+        )
+
+    def news(self):
+        found, self.events = self.events, []
+        return found
+
+    def begin(self, time):
+        self.zero = time
+
+    def end_input(self):
+        self.over += 1
+
+    def close(self):
+        self.over += 1
+
+
+@pytest.fixture
+def cloudy(planned, monkeypatch):
+    """A bridge, and a stream that knows an obstacle by clouds."""
+    scene, plan = planned
+    seen = with_obstacles(scene, {"cart": [0.7, 3.0, 0.3]})
+    bridge = PlayedHere(plan.robot, plan.joints.position[0])
+    answer = {"event": "connected", "kinds": ["std_msgs/msg/Float64MultiArray"], "obstacles": streams.CLOUD}
+    monkeypatch.setattr(streams, "started", lambda *_: (bridge, answer, []))
+    monkeypatch.setattr(streams, "ObstacleClouds", CloudsHere)
+    names = StreamNames(obstacles="/cloud")
+    yield (
+        bridge,
+        seen,
+        CommandStream(plan.robot, names, QUICK, obstacles=moving_names(seen), scene=seen),
+    )
+    bridge.close()
+
+
+def test_clouds_tell_obstacles_as_other_messages_do(cloudy):
+    _, seen, stream = cloudy
+    clouds = stream._clouds
+    observer, (number,) = Observed(seen), moving_names(seen)
+    with pytest.raises(SendError, match="where 'cart.*' is: 3 points show it") as found:
+        await_obstacles(stream, observer, 0.1)
+    assert "about where the scene has it at 0 s" in found.value.way_out
+    now = time.monotonic()
+    unseen = {"event": "unseen", "time": now, "frame": "world", "why": {"cart": "none"}}
+    told = {"event": "obstacles", "time": now, "frame": "world", "centers": {"cart": [0.7, 3.1, 0.3]}}
+    clouds.events = [unseen]
+    assert stream.news(0.01) == [] and stream.obstacles_age == float("inf")
+    clouds.events = [told]
+    assert await_obstacles(stream, observer, 1.0) == clouds.zero == now
+    np.testing.assert_allclose(observer.observe(0.0).table[number, 1:4], [0.7, 3.1, 0.3], atol=1e-3)
+    clouds.events = [{**unseen, "frame": "camera"}]
+    with pytest.raises(SendError, match="in the frame 'camera'"):
+        stream.news(0.01)
+    stream.close()
+    assert clouds.over == 2
+
+
+def test_arms_brake_when_nothing_reads_the_clouds_any_more(cloudy):
+    bridge, _, stream = cloudy
+    now = time.monotonic()
+    stream._clouds.events = [
+        {"event": "obstacles", "time": now, "frame": "world", "centers": {"cart": [0.7, 3.0, 0.3]}}
+    ]
+    stream.news(0.01)
+    stream.begin(np.array(bridge.position))
+    stream._clouds.ended = "the program that reads the clouds ended: killed"
+    stream.news(0.01)
+    assert stream.obstacles_age == float("inf") and bridge.player.why == stream._clouds.ended
+    bridge.player.why = ""
+    stream.news(0.01)
+    assert bridge.player.why == ""  # it was told once
+
+
+def test_clouds_without_a_scene_are_refused(planned, cloudy):
+    bridge, _, _ = cloudy
+    with pytest.raises(SendError, match="shapes are not known"):
+        CommandStream(planned[1].robot, StreamNames(obstacles="/cloud"), QUICK, obstacles={2: "cart"})
+    assert bridge.over.is_set()
+
+
 def test_obstacles_have_names_or_numbers(planned, connected):
     for centers in ({"cart": [0.0, 0.0, 1.0]}, {"0": [0.0, 0.0, 1.0]}):
         connected(obstacles=centers)

@@ -5,12 +5,17 @@ import time
 
 import pytest
 
+from comove import Scene
+from comove.control import Observed
 from comove.errors import SendError
 from comove.robots import Robot
+from comove.ros.online import await_obstacles, moving_names
 from comove.ros.streams import CommandStream, StreamNames, StreamSettings
 from tests.ros.robots import JAZZY, KILTED, may_have_hosts
 from tests.ros.streaming import (
     CUT,
+    FAR,
+    FAR_CLOUD,
     FAULTS,
     OBSTACLES,
     planned,
@@ -45,9 +50,13 @@ def sink(ros, known):
         yield sink
 
 
-def test_a_run_arrives(ros, known, sink, tmp_path):
-    scene, folder, _ = known
-    with running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process:
+@pytest.mark.parametrize("around", [FAR, FAR_CLOUD], ids=["poses", "cloud"])
+def test_a_run_arrives(ros, known, tmp_path, around):
+    scene, folder, plan = known
+    with (
+        standing(ros, plan, around=around),
+        running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process,
+    ):
         said, _ = process.communicate(timeout=90)
     assert process.returncode == 0, said
     summary = json.loads((tmp_path / "run" / "robot_run.json").read_text())
@@ -70,6 +79,28 @@ def test_arms_stand_when_something_dies(ros, known, tmp_path, fault):
         time.sleep(2.5)
         rest = rest_after(sink, plan, at, at + 2.5)
     assert rest.after < 1.2 and rest.torn < 1e-3 and not rest.moved_on
+
+
+def test_a_cloud_that_does_not_show_the_obstacle(ros, known):
+    scene, robot = Scene.load(known[0]), Robot.load("two_ur10")
+    names, settings = StreamNames(obstacles=OBSTACLES), StreamSettings(connect=3.0)
+    elsewhere = {**FAR_CLOUD, "centers": [[0.7, 4.0, 0.3]]}
+    with standing(ros, known[2], around=elsewhere):
+        stream = CommandStream(
+            robot, names, settings, obstacles=moving_names(scene), scene=scene, python=ros.python
+        )
+        with stream, pytest.raises(SendError, match="where 'cart.*' is: 0 points show it") as found:
+            await_obstacles(stream, Observed(scene), settings.connect)
+        assert "about where the scene has it" in found.value.way_out
+        begun = time.monotonic()
+        stream.close()
+        assert time.monotonic() - begun < 5.0
+        frame = StreamNames(obstacles=OBSTACLES, frame="camera")
+        stream = CommandStream(
+            robot, frame, settings, obstacles=moving_names(scene), scene=scene, python=ros.python
+        )
+        with stream, pytest.raises(SendError, match="in the frame 'world', and the scene is in 'camera'"):
+            await_obstacles(stream, Observed(scene), settings.connect)
 
 
 def test_nobody_listens_and_the_wrong_type(ros, known, sink):
