@@ -372,7 +372,7 @@ def test_clouds_tell_obstacles_as_other_messages_do(cloudy):
     _, seen, stream = cloudy
     clouds = stream._clouds
     observer, (number,) = Observed(seen), moving_names(seen)
-    with pytest.raises(SendError, match="where 'cart.*' is: 3 points show it") as found:
+    with pytest.raises(SendError, match=r"where 'cart.*' is: 3 points show it") as found:
         await_obstacles(stream, observer, 0.1)
     assert "about where the scene has it at 0 s" in found.value.way_out
     now = time.monotonic()

@@ -89,7 +89,7 @@ def test_a_cloud_that_does_not_show_the_obstacle(ros, known):
         stream = CommandStream(
             robot, names, settings, obstacles=moving_names(scene), scene=scene, python=ros.python
         )
-        with stream, pytest.raises(SendError, match="where 'cart.*' is: 0 points show it") as found:
+        with stream, pytest.raises(SendError, match=r"where 'cart.*' is: 0 points show it") as found:
             await_obstacles(stream, Observed(scene), settings.connect)
         assert "about where the scene has it" in found.value.way_out
         begun = time.monotonic()

@@ -78,7 +78,10 @@ def _from_capsule_axis(solid: Solid, points: Array) -> Array:
 
 
 def _excess(solid: Solid, points: Array) -> Array:
-    """Return how far coordinates lie beyond a box's, or radius and height beyond a cylinder's; (n, 3) or (n, 2)."""
+    """Return how far coordinates lie beyond those of a solid.
+
+    They are those of a box, (n, 3), or radius and height of a cylinder, (n, 2).
+    """
     if solid.kind == "box":
         return np.abs(points) - np.asarray(solid.size)
     radial = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2)
@@ -172,7 +175,7 @@ class Unseen(Exception):
 
 
 class Fit(NamedTuple):
-    """The points to which a shape is fitted, (n_points, 3) [m], and their standard deviation [m]."""
+    """A shape, points (n_points, 3) [m], and their standard deviation [m]."""
 
     shape: Shape
     points: Array
@@ -192,7 +195,10 @@ class Fit(NamedTuple):
         return np.minimum(away**2, CUT**2).reshape(len(centers), -1).sum(axis=1)
 
     def descended(self, center: Array, scales: Sequence[float]) -> Array:
-        """Return the centre after steps of least squares at some scales [m], those of Geman and McClure."""
+        """Return the centre after steps of least squares at some scales [m].
+
+        The weights are those of Geman and McClure.
+        """
         for scale in scales:
             for _ in range(N_STEPS):
                 points = self.points - center
@@ -204,7 +210,7 @@ class Fit(NamedTuple):
         return center
 
     def evidence(self, center: Array) -> float:
-        """Return by how much a cost must be larger to exclude a centre.
+        """Return the additional cost that excludes a centre.
 
         Stray points lie on faces by chance: as many as in a layer outside that is as thick, a third of them on those
         faces that a displacement moves away from their points.
@@ -214,7 +220,10 @@ class Fit(NamedTuple):
         return EVIDENCE + CUT**2 * (stray + 3.0 * np.sqrt(stray))
 
     def directions(self, center: Array) -> tuple[Array, Array]:
-        """Return directions (3, 3), in rows, and by how many points' normals the centre is fixed along each, (3,)."""
+        """Return directions, (3, 3) in rows, and their strengths, (3,).
+
+        A strength is the number of points whose normals would fix the centre as well along its direction.
+        """
         on = self.points[np.abs(self.distances(center)) < CUT]
         _require_points(len(on))
         normals = self.shape.gradients(on - center)
@@ -268,7 +277,9 @@ def fitted_center(shape: Shape, points: Array, start: Array, noise: float, gate:
 
 
 def _amid_edges(fit: Fit, whole: Fit, center: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the middle of the centres between edges, where few normals fix it, and along which directions these do.
+    """Return the centre amid edges, and the directions that they fix.
+
+    These are directions along which few normals fix it.
 
     Raises
     ------
@@ -292,10 +303,12 @@ def _amid_edges(fit: Fit, whole: Fit, center: Array) -> tuple[Array, NDArray[np.
 def _better_near(fit: Fit, center: Array, is_open: NDArray[np.bool_]) -> Array | None:
     """Return a better centre nearby, None without one.
 
+    Directions along which edges fix it are left out.
+
     Raises
     ------
     Unseen
-        If one is as good. Directions in which edges fix the centre are looked at elsewhere.
+        If one is as good.
     """
     directions, _ = fit.directions(center)
     around = np.concatenate([directions[~is_open], -directions[~is_open], CORNERS @ directions])

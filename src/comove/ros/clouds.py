@@ -84,7 +84,7 @@ class ObstacleClouds:
         self._program.tell({"do": "begin", "time": time})
 
     def news(self) -> list[Event]:
-        """Return the events since the last call that tell which obstacles are seen, and which are not."""
+        """Return the events of obstacles seen or unseen since the last call."""
         found = list[Event]()
         for event in self._program.news(0.0):
             if event["event"] in ("obstacles", "unseen"):
@@ -108,7 +108,7 @@ class ObstacleClouds:
 
 
 def watched(scene: Scene, names: Mapping[int, str], noise: float) -> dict[str, Any]:
-    """Return the obstacles that are looked for and the static ones, as commands have them.
+    """Return moving and static obstacles as commands have them.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def watched(scene: Scene, names: Mapping[int, str], noise: float) -> dict[str, A
 
 
 def _shape(scene: Scene, number: int) -> dict[str, Any]:
-    """Return an obstacle at 0 s, without solids if it is an ellipsoid."""
+    """Return an obstacle at 0 s; an ellipsoid has no solids."""
     rows = scene.obstacles[scene.owners == number]
     return {
         "center": scene.centers[number].tolist(),

@@ -41,11 +41,11 @@ class Ros2Clouds(Ros2Node):
         self.tell("watching")
 
     def begin(self, time):
-        """Let the obstacles begin to turn at an instant by the monotonic clock [s]."""
+        """Let obstacles turn from an instant by the monotonic clock [s]."""
         self.tracks.zero = time
 
     def on_cloud(self, message):
-        """Tell where the obstacles are of which a cloud shows enough."""
+        """Tell where those obstacles are that a cloud shows."""
         at, frame = self.instant(nanoseconds(message.header.stamp)), message.header.frame_id
         centers, unseen = self.tracks.update(message, at)
         if centers:

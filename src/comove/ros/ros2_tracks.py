@@ -54,7 +54,7 @@ class Track:
         return self.shape.turned(rotation(max(seconds, 0.0) * self.spin)) if self.spin.any() else self.shape
 
     def expected(self, time: float) -> tuple[Array, float]:
-        """Return where the centre is expected, (3,) [m], and how far from there it may be [m]."""
+        """Return the expected centre, (3,) [m], and its uncertainty [m]."""
         since = time - self.time
         ahead = self.velocity * since if since < GOES_ON else np.zeros(3)
         return self.center + ahead, min(GATE + SPEED * since, WIDEST)
@@ -88,7 +88,7 @@ class CloudTracks:
         self.noise, self.zero, self.last = noise, None, -np.inf
 
     def update(self, message: Any, time: float) -> tuple[dict[str, list[float]], dict[str, str]]:
-        """Return the centres [m] that a cloud tells, by name, and in words why it does not tell the others.
+        """Return centres [m] by name, and why others are not told.
 
         Parameters
         ----------

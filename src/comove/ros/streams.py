@@ -243,7 +243,7 @@ class CommandStream:
 
     @property
     def obstacles_age(self) -> float:
-        """Return the time since that obstacle was measured of which nothing came for longest [s].
+        """Return the age of the oldest obstacle's measurement [s].
 
         It is 0 if none are to be told, and negative for stamps from the future.
         """
