@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:  # ROS's Python has no comove
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     Array = NDArray[np.float64]
 
@@ -30,7 +30,8 @@ WITHIN = 2.0  # standard deviations, within which a returned centre is
 LEAST = 30  # points on a surface
 FEW, SOME, MOST = 200, 600, 3000  # points with which a fit begins, ends, and looks for edges
 SWALLOWED = 0.25  # of the points on the surface, that may lie deeper inside
-SHRINK = 0.5  # of the scale, at each of the steps
+N_SCALES = 6  # from that of the search to that of the noise
+NARROW = 8.0  # standard deviations: the largest scale, where the start is good
 N_STEPS = 2  # of least squares at each scale
 N_MOVES = 12  # to better centres nearby, at most
 FIXED = 4.0  # times the evidence, from which on the normals fix a direction
@@ -194,20 +195,28 @@ class Fit(NamedTuple):
         away = self.shape.distances((self.points - centers[:, None]).reshape(-1, 3)) / self.noise
         return np.minimum(away**2, CUT**2).reshape(len(centers), -1).sum(axis=1)
 
-    def descended(self, center: Array, scales: Sequence[float]) -> Array:
-        """Return the centre after steps of least squares at some scales [m].
+    def descended(self, centers: Array, scales: ArrayLike) -> Array:
+        """Return centres (n, 3) after steps of least squares at some scales.
 
         The weights are those of Geman and McClure.
+
+        Parameters
+        ----------
+        scales : array, shape (n_scales,) or (n_scales, n), in standard deviations
         """
-        for scale in scales:
+        for scale in np.asarray(scales, dtype=float).reshape(len(np.asarray(scales)), -1) * self.noise:
             for _ in range(N_STEPS):
-                points = self.points - center
-                away, slopes = self.shape.distances(points), self.shape.gradients(points)
-                weighted = slopes * (1.0 / (1.0 + (away / scale) ** 2) ** 2)[:, None]
-                pull, bend = weighted.T @ away, weighted.T @ slopes
-                step = np.linalg.solve(bend + (1e-3 * np.trace(bend) + TINY) * np.eye(3), pull)
-                center = center + step * min(1.0, 2.0 * scale / max(_length(step), TINY))
-        return center
+                points = (self.points - centers[:, None]).reshape(-1, 3)
+                away = self.shape.distances(points).reshape(len(centers), -1, 1)
+                slopes = self.shape.gradients(points).reshape(len(centers), -1, 3)
+                weighted = (slopes / (1.0 + (away / scale[:, None, None]) ** 2) ** 2).transpose(0, 2, 1)
+                bend = weighted @ slopes
+                damping = 1e-3 * np.trace(bend, axis1=1, axis2=2) + TINY
+                step = np.linalg.solve(bend + damping[:, None, None] * np.eye(3), weighted @ away)[..., 0]
+                centers = (
+                    centers + step * np.minimum(1.0, 2.0 * scale / np.maximum(_lengths(step), TINY))[:, None]
+                )
+        return centers
 
     def evidence(self, center: Array) -> float:
         """Return the additional cost that excludes a centre.
@@ -250,10 +259,10 @@ def fitted_center(shape: Shape, points: Array, start: Array, noise: float, gate:
     _require_points(len(points))
     whole = Fit(shape, points, noise).thinned(MOST)
     fit, few = whole.thinned(SOME), whole.thinned(FEW)
-    scales = [gate * SHRINK**k for k in range(64) if gate * SHRINK**k > noise] + [noise]
-    begins = (start, scales), (0.5 * (start + np.median(few.points, axis=0)), scales), (start, scales[-4:])
-    tries = np.array([few.descended(*begin) for begin in begins])
-    center = fit.descended(tries[int(few.costs(tries).argmin())], [noise])
+    scales = np.geomspace(gate / noise, 1.0, N_SCALES)
+    begins = np.array([start, 0.5 * (start + np.median(few.points, axis=0)), start])
+    tries = few.descended(begins, np.column_stack([scales, scales, np.minimum(scales, NARROW)]))
+    center = fit.descended(tries[[few.costs(tries).argmin()]], [1.0])[0]
     for _ in range(N_MOVES):
         before = center
         center, is_open = _amid_edges(fit, whole, center)
@@ -316,7 +325,7 @@ def _better_near(fit: Fit, center: Array, is_open: NDArray[np.bool_]) -> Array |
     cost, *costs = fit.costs(np.vstack([center, places]))
     best = int(np.argmin(costs))
     if costs[best] < cost:
-        return fit.descended(places[best], [fit.noise])
+        return fit.descended(places[[best]], [1.0])[0]
     if costs[best] < cost + fit.evidence(center):
         raise _left_open(around[best])
     return None
@@ -336,9 +345,10 @@ def _better_far(fit: Fit, few: Fit, center: Array, start: Array, gate: float) ->
         line = center + steps[:, None] * direction
         line = line[((line - start) ** 2).sum(axis=1) <= gate**2]
         if len(line):
-            place = few.descended(line[int(few.costs(line).argmin())], [2.0 * fit.noise, fit.noise])
-            if _length(place - center) > near and _length(place - start) <= gate:
-                found.append(place)
+            found.append(line[few.costs(line).argmin()])
+    if found:
+        places = few.descended(np.array(found), [2.0, 1.0])
+        found = [p for p in places if _length(p - center) > near and _length(p - start) <= gate]
     if not found:
         return None
     cost, *costs = fit.costs(np.vstack([center, *found]))

@@ -128,9 +128,10 @@ class CloudTracks:
     ) -> Array:
         """Return the points (n, 3) that may be an obstacle's: near it, and not nearer to another one."""
         reach, near = shape.reach + gate + CUT * self.noise, CUT * self.noise
-        for axis in range(3):
-            points = points[:, np.abs(points[axis] - center[axis]) <= reach]  # false where it is no number
-        found = points.T.astype(float)
+        inside = np.ones(points.shape[1], dtype=bool)
+        for row, middle in zip(points, center.tolist(), strict=True):
+            inside &= np.abs(row - middle) <= reach  # false where it is no number
+        found = points.T[np.flatnonzero(inside)].astype(float)
         away = np.abs(shape.distances(found - center))
         kept = away <= gate + near
         for other, at in (*self.still, *others):
