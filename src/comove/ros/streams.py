@@ -397,8 +397,8 @@ class CommandStream:
             raise SendError(
                 f"{self.names.obstacles} tells of {told}, and not of '{self._obstacles[counted[0]]}'",
                 key="obstacles",
-                way_out="give it the names that obstacles have in the scene, or numbers from 0 in their order, as many "
-                "as move",
+                way_out="give it the names that obstacles have in the scene, or numbers from 0 in their order, "
+                "as many as move",
             )
         self._seen_at |= {seen.number: seen.time for seen in found}
         return found
