@@ -364,6 +364,7 @@ def main() -> None:
                 reasons[this.reason] = reasons.get(this.reason, 0) + 1
             often = max(reasons, key=lambda reason: reasons[reason])
             rows.append([name, options.repeats, spread(told), spread(stood), moved_on, often])
+            print("; ".join(map(str, rows[-1])), file=sys.stderr, flush=True)
         print_table(
             [
                 "fault",

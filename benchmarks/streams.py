@@ -120,6 +120,7 @@ def main() -> None:
                         str(sum(rest.moved_on for rest in rests)),
                     ]
                 )
+                print("; ".join(rows[-1]), file=sys.stderr, flush=True)
             print()
             print_table(
                 ["fault", "runs", "at rest after [ms]", "arms apart [ms]", "hands torn [mm]", "moved on"],

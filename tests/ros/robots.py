@@ -14,6 +14,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,7 +34,6 @@ HERE = Path(__file__).parent
 VENVS = Path(os.environ.get("COMOVE_TEST_ROS2", HERE.parents[1] / ".venv-ros2"))
 DOMAINS = 42100  # first of the ports that stand for domains of ROS 2
 STARTING = 15.0  # s, that a master may need
-QUICK = HERE / "quick.xml"  # a profile of Fast DDS, with which nodes find each other at once
 
 
 @dataclass(frozen=True)
@@ -136,31 +136,53 @@ def ros_master() -> Iterator[dict[str, str]]:
         process.wait(STARTING)
 
 
+PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com"><transport_descriptors><transport_descriptor>
+<transport_id>own</transport_id><type>UDPv4</type>{interfaces}
+</transport_descriptor></transport_descriptors>
+<participant profile_name="own" is_default_profile="true"><rtps>
+<userTransports><transport_id>own</transport_id></userTransports><useBuiltinTransports>false</useBuiltinTransports>
+{discovery}</rtps></participant></profiles>
+"""
+LOOPBACK = "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>"
+SOONER = """<builtin><discovery_config>
+<leaseDuration><sec>1</sec></leaseDuration><leaseAnnouncement><sec>0</sec><nanosec>250000000</nanosec></leaseAnnouncement>
+<initialAnnouncements><count>10</count><period><sec>0</sec><nanosec>50000000</nanosec></period></initialAnnouncements>
+</discovery_config></builtin>
+"""
+
+
 @contextmanager
 def dds_domain(*, quick: bool = True) -> Iterator[dict[str, str]]:
-    """Lend the environment of a domain of ROS 2 on loopback.
+    """Lend the environment of a domain of ROS 2 on loopback. A `quick` one finds nodes, and their ends, sooner."""
+    with _domain() as number, _environment(number, LOOPBACK, quick=quick) as environment:
+        yield environment
 
-    A killed process would leave files of shared memory. A `quick` domain finds nodes, and their ends, sooner. A port
-    keeps others from the same domain.
-    """
+
+@contextmanager
+def _domain() -> Iterator[int]:
+    """Lend the number of a domain. A port keeps others from it."""
     with socket.socket() as held:
         while True:
             domain = random.SystemRandom().randrange(1, 100)
             with suppress(OSError):
                 held.bind(("127.0.0.1", DOMAINS + domain))
                 break
-        yield _environment(domain, quick)
+        yield domain
 
 
-def _environment(domain: int, quick: bool) -> dict[str, str]:
-    return {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(domain),
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
-        **(
-            {f"{name}_DEFAULT_PROFILES_FILE": str(QUICK) for name in ("FASTDDS", "FASTRTPS")} if quick else {}
-        ),
-    }
+@contextmanager
+def _environment(domain: int, interfaces: str, *, quick: bool) -> Iterator[dict[str, str]]:
+    """Lend the environment of a domain on some interfaces, all where none are named, over UDP alone.
+
+    Killed nodes would leave files of shared memory, in which others hang. Only a profile excludes it: where a node is
+    to find this host alone (`LOCALHOST`), ROS takes shared memory whatever Fast DDS was told.
+    """
+    with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
+        file.write(PROFILE.format(interfaces=interfaces, discovery=SOONER if quick else ""))
+        file.flush()
+        profiles = {f"{name}_DEFAULT_PROFILES_FILE": file.name for name in ("FASTDDS", "FASTRTPS")}
+        yield {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT", **profiles}
 
 
 @cache
@@ -176,19 +198,19 @@ def may_have_hosts() -> bool:
 @contextmanager
 def second_host() -> Iterator[Host]:
     """Lend a second host. `CalledProcessError` or `OSError` where this one may have none."""
-    with dds_domain(quick=False) as domain:
-        number = int(domain["ROS_DOMAIN_ID"])  # nobody else has it
-        here, there, name = f"10.77.{number}.1/24", f"10.77.{number}.2/24", f"comove{number}"
+    with _domain() as number:  # nobody else has it
+        here, there, name = f"10.77.{number}.1", f"10.77.{number}.2", f"comove{number}"
         inside = ("-n", name)
         _ip("netns", "add", name)
         try:
             _ip("link", "add", name, "type", "veth", "peer", "name", "wire", "netns", name)
-            _ip("addr", "add", here, "dev", name)
-            _ip(*inside, "addr", "add", there, "dev", "wire")
+            _ip("addr", "add", f"{here}/24", "dev", name)
+            _ip(*inside, "addr", "add", f"{there}/24", "dev", "wire")
             for words in (("set", "lo"), ("set", "wire")):
                 _ip(*inside, "link", *words, "up")
             _ip("link", "set", name, "up")
-            yield Host(name, {**domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})
+            with _environment(number, "", quick=False) as environment:
+                yield Host(name, environment)
         finally:
             _ip("netns", "del", name)  # the wire goes with it
 

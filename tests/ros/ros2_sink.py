@@ -1,17 +1,20 @@
 """A robot in ROS 2 that is where its streamed commands say, with obstacles around it.
 
 Usage: ros2_sink.py '{"topics": {TOPIC: [JOINT]}, "position": {JOINT: rad}, "obstacles": {"topic": TOPIC,
-"kind": TYPE, "frame": NAME, "names": [NAME], "centers": [[m]]}}', run by a Python with rclpy. Reads one JSON object a
-line: {"silent": "joints" or "obstacles", "for": s}, {"joints": [NAME]}, which its controllers then say they move, and
-{"tell": true}. Prints "ready", and at each "tell" the commands so far, with instants by the system's monotonic clock.
+"kind": TYPE, "frame": NAME, "names": [NAME], "centers": [[m]], "radius": m}}', run by a Python with rclpy; clouds
+show one side of spheres. Reads one JSON object a line: {"silent": "joints" or "obstacles", "for": s}, {"joints":
+[NAME]}, which its controllers then say they move, and {"tell": true}. Prints "ready", and at each "tell" the commands
+so far, with instants by the system's monotonic clock.
 """
 
 import json
 import sys
 import threading
 import time
+from array import array
 from importlib import import_module
 
+import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -20,6 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 RATE = 100.0  # Hz, of joint states and obstacles
+POINTS = 0.003  # m, standard deviation of the points of clouds
 
 
 def log(event, **content):
@@ -39,7 +43,7 @@ class Sink:
             controller.create_subscription(
                 Float64MultiArray, topic, lambda m, joints=joints: self.take(joints, m.data), 10
             )
-        self.obstacles = obstacles
+        self.obstacles, self.rng = obstacles, np.random.default_rng(0)
         if obstacles is not None:
             package, _, name = obstacles["kind"].partition("/msg/")
             self.message = getattr(import_module(package + ".msg"), name)
@@ -67,6 +71,8 @@ class Sink:
         from geometry_msgs.msg import Pose
 
         told, message = self.obstacles, self.message()
+        if hasattr(message, "point_step"):
+            return self.cloud(message, now)
         poses = [Pose() for _ in told["centers"]]
         for pose, center in zip(poses, told["centers"], strict=True):
             pose.position.x, pose.position.y, pose.position.z = center
@@ -77,6 +83,26 @@ class Sink:
                 message.markers[-1].header.stamp, message.markers[-1].header.frame_id = now, told["frame"]
             return message
         message.header.stamp, message.header.frame_id, message.poses = now, told["frame"], poses
+        return message
+
+    def cloud(self, message, now):
+        """Points on the sides of spheres that a camera above sees, as an image with a row a sphere."""
+        from sensor_msgs.msg import PointField
+
+        told, normals = self.obstacles, self.rng.normal(size=(600, 3))
+        normals[:, 2] = np.abs(normals[:, 2])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        points = np.array(told["centers"])[:, None] + told["radius"] * normals
+        points += POINTS * self.rng.normal(size=points.shape)
+        points[:, ::50] = np.nan  # the camera sees nothing there
+        message.header.stamp, message.header.frame_id = now, told["frame"]
+        message.height, message.width = points.shape[:2]
+        message.fields = [
+            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+            for k, name in enumerate("xyz")
+        ]
+        message.point_step, message.row_step = 12, 12 * points.shape[1]
+        message.data = array("B", points.astype("f4").tobytes())
         return message
 
 

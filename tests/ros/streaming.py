@@ -10,10 +10,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -37,6 +38,8 @@ FAR = {
     "centers": [[0.7, 3.0, 0.3]],
 }
 """A robot's obstacle that is far away; the scene has it as `cart`."""
+FAR_CLOUD = {**FAR, "kind": "sensor_msgs/msg/PointCloud2", "radius": 0.1}
+"""The same as a camera sees it."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ def running(
     try:
         yield process
     finally:
-        bridges = bridges_of(process)
+        bridges = bridges_of(process, "ros2_")
         process.send_signal(signal.SIGCONT)
         process.kill()
         process.wait()
@@ -88,26 +91,30 @@ def running(
 
 @contextmanager
 def standing(
-    ros: Ros, plan: VerifiedJointMotion, fault: str = "", *, reverse: bool = False
+    ros: Ros,
+    plan: VerifiedJointMotion,
+    fault: str = "",
+    around: Mapping[str, Any] | None = None,
+    *,
+    reverse: bool = False,
 ) -> Iterator[Process]:
     """A robot at the beginning of a plan, on a host of its own where the network will be cut.
 
     Its controllers may have their joints in the reverse order.
     """
+    around = around or (FAR_CLOUD if fault.startswith("clouds") else FAR)
     with (
         second_host() if fault == CUT else nullcontext() as host,
         patch.dict(os.environ, host.domain if host else {}),
-        ros.sink(plan.robot, plan.joints.position[0], FAR, host, reverse=reverse) as sink,
+        ros.sink(plan.robot, plan.joints.position[0], around, host, reverse=reverse) as sink,
     ):
         sink.wait_for("ready")
         yield sink
 
 
-def bridges_of(process: subprocess.Popen) -> list[int]:
-    """The numbers of the processes that stream for a run."""
-    found = subprocess.run(
-        ["pgrep", "-P", str(process.pid), "-f", "ros2_stream"], capture_output=True, text=True
-    )
+def bridges_of(process: subprocess.Popen, program: str = "ros2_stream") -> list[int]:
+    """The numbers of the processes of a run that execute a program."""
+    found = subprocess.run(["pgrep", "-P", str(process.pid), "-f", program], capture_output=True, text=True)
     return [int(number) for number in found.stdout.split()]
 
 
@@ -167,6 +174,8 @@ FAULTS: dict[str, Callable[[subprocess.Popen, Process], None]] = {
     "comove stopped": lambda process, sink: process.send_signal(signal.SIGSTOP),
     "bridge killed": lambda process, sink: os.kill(bridges_of(process)[0], signal.SIGKILL),
     "bridge stopped": lambda process, sink: os.kill(bridges_of(process)[0], signal.SIGSTOP),
+    "clouds killed": lambda process, sink: os.kill(bridges_of(process, "ros2_clouds")[0], signal.SIGKILL),
+    "clouds stopped": lambda process, sink: os.kill(bridges_of(process, "ros2_clouds")[0], signal.SIGSTOP),
     "joints silent": silence("joints", 60.0),
     "obstacles silent": silence("obstacles", 60.0),
     CUT: lambda process, sink: sink.host.cut(),

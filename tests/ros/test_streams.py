@@ -35,9 +35,9 @@ class PlayedHere:
 
     threads = ()
 
-    def __init__(self, robot, position, obstacles=(), frame="world"):
+    def __init__(self, robot, position, obstacles=None, frame="world"):
         self.robot, self.position = robot, list(position)
-        self.obstacles, self.frame = dict(obstacles), frame
+        self.obstacles, self.frame = None if obstacles is None else dict(obstacles), frame
         self.silent, self.more = {}, []
         self.player, self.rows, self.number = None, [], 0
         self.over, self.lock = threading.Event(), threading.Lock()
@@ -88,10 +88,9 @@ class PlayedHere:
             if self.speaks("joints"):
                 position = dict(zip(self.robot.joint_names, self.position, strict=True))
                 found.append({"event": "joints", "time": now, "age": 0.0, "position": position})
-            if self.obstacles and self.speaks("obstacles"):
-                found.append(
-                    {"event": "obstacles", "time": now, "frame": self.frame, "centers": self.obstacles}
-                )
+            if self.obstacles is not None and self.speaks("obstacles"):
+                centers = {name: center for name, center in self.obstacles.items() if self.speaks(name)}
+                found.append({"event": "obstacles", "time": now, "frame": self.frame, "centers": centers})
         return found
 
     def end_input(self):
@@ -195,36 +194,62 @@ def test_arms_wait_while_the_joints_are_silent(planned, connected):
     assert still > 0.8 and time.monotonic() - begun > 4.0
 
 
-@pytest.mark.slow
-def test_arms_wait_while_obstacles_are_not_seen(planned, connected):
-    scene, plan = planned
-    moves = {"waypoints": [[0.7, 3.0, 0.3], [0.7, 3.1, 0.3]], "times": [0.0, 3.0]}
+def with_obstacles(scene, centers):
+    """A scene with spheres that move far away."""
     data = scene.file.model_dump(mode="json", exclude_none=True)
-    data["obstacles"] = [
-        *data.get("obstacles", []),
-        {"name": "cart", "shape": "sphere", "center": [0.7, 3.0, 0.3], "radius": 0.1, "motion": moves},
+    added = [
+        {"name": name, "shape": "sphere", "center": center, "radius": 0.1}
+        | {"motion": {"waypoints": [center, [*center[:2], center[2] + 0.1]], "times": [0.0, 3.0]}}
+        for name, center in centers.items()
     ]
-    seen = Scene.from_dict(data)
-    bridge = connected(obstacles={"cart": [0.7, 3.0, 0.3]})
+    return Scene.from_dict({**data, "obstacles": [*data.get("obstacles", []), *added]})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", ["obstacles", "cart"])  # all messages, or one of the obstacles in them
+def test_arms_wait_while_obstacles_are_not_seen(planned, connected, lost):
+    scene, plan = planned
+    centers = {"cart": [0.7, 3.0, 0.3], "box": [0.7, 4.0, 0.3]}
+    seen = with_obstacles(scene, centers)
+    bridge = connected(obstacles=centers)
     names = moving_names(seen)
-    assert list(names.values()) == ["cart"]
+    assert list(names.values()) == list(centers)
     stream = CommandStream(plan.robot, StreamNames(obstacles="/seen"), QUICK, obstacles=names)
     observer = Observed(seen, Sensor(noise=0.005))
     zero = await_obstacles(stream, observer, 2.0)
     executor = JointExecutor(seen, plan.robot, observer, plan=plan, settings=SETTINGS)
-    usual, steps = executor.step, iter(range(10**6))
+    usual, steps, stopped = executor.step, iter(range(10**6)), []
 
     def step(measured):
         if next(steps) == 100:
-            bridge.silent["obstacles"] = time.monotonic() + 2.0
+            stopped.append(time.monotonic())
+            bridge.silent[lost] = stopped[0] + 2.0
         return usual(measured)
 
     executor.step = step
     run = run_streamed(executor, stream, 20.0, zero=zero)
     assert run.arrived and run.stops and set(run.stops) <= LATE
-    np.testing.assert_allclose(
-        run.obstacles[:, next(iter(names))], [[0.7, 3.0, 0.3]] * len(run.commanded), atol=0.05
-    )
+    at, _, _, commanded, _ = (np.array(column) for column in zip(*bridge.rows, strict=True))
+    blind = (at[1:] > stopped[0] + 1.5) & (at[1:] < stopped[0] + 2.0)
+    assert blind.any() and not np.diff(commanded, axis=0)[blind].any()
+    for number, name in names.items():
+        away = run.obstacles[:, number] - centers[name]
+        assert np.abs(away).max() < 0.05
+
+
+@pytest.mark.parametrize("centers", [{"box": [0.0, 1.0, 1.0]}, {}, {"cart": [float("nan")] * 3}])
+def test_an_obstacle_that_vanishes_from_messages_is_silent(planned, connected, centers):
+    both = {"cart": [0.0, 0.0, 1.0], "box": [0.0, 1.0, 1.0]}
+    bridge = connected(obstacles=both)
+    names = {2: "cart", 5: "box"}
+    stream = CommandStream(planned[1].robot, StreamNames(obstacles="/seen"), QUICK, obstacles=names)
+    assert stream.obstacles_age == float("inf")
+    assert {seen.number for seen in stream.news(0.005)} == {2, 5} and stream.obstacles_age < 0.1
+    bridge.obstacles = centers
+    begun = time.monotonic()
+    while time.monotonic() < begun + 0.2:
+        assert 2 not in {seen.number for seen in stream.news(0.005)}
+    assert stream.obstacles_age > 0.19
 
 
 @pytest.mark.slow
@@ -298,6 +323,118 @@ def test_obstacles_that_are_not_the_scenes(planned, connected, frame, centers, w
         for _ in range(100):
             stream.news(0.01)
     assert advice in found.value.way_out
+
+
+class CloudsHere:
+    """What reads clouds, without ROS."""
+
+    def __init__(self, *_):
+        self.unseen, self.ended, self.events, self.zero, self.over = (
+            {"cart": "3 points show it"},
+            "",
+            [],
+            None,
+            0,
+        )
+
+    def news(self):
+        found, self.events = self.events, []
+        return found
+
+    def begin(self, time):
+        self.zero = time
+
+    def end_input(self):
+        self.over += 1
+
+    def close(self):
+        self.over += 1
+
+
+@pytest.fixture
+def cloudy(planned, monkeypatch):
+    """A bridge, and a stream that knows an obstacle by clouds."""
+    scene, plan = planned
+    seen = with_obstacles(scene, {"cart": [0.7, 3.0, 0.3]})
+    bridge = PlayedHere(plan.robot, plan.joints.position[0])
+    answer = {"event": "connected", "kinds": ["std_msgs/msg/Float64MultiArray"], "obstacles": streams.CLOUD}
+    monkeypatch.setattr(streams, "started", lambda *_: (bridge, answer, []))
+    monkeypatch.setattr(streams, "ObstacleClouds", CloudsHere)
+    names = StreamNames(obstacles="/cloud")
+    yield (
+        bridge,
+        seen,
+        CommandStream(plan.robot, names, QUICK, obstacles=moving_names(seen), scene=seen),
+    )
+    bridge.close()
+
+
+def test_clouds_tell_obstacles_as_other_messages_do(cloudy):
+    _, seen, stream = cloudy
+    clouds = stream._clouds
+    observer, (number,) = Observed(seen), moving_names(seen)
+    with pytest.raises(SendError, match=r"where 'cart.*' is: 3 points show it") as found:
+        await_obstacles(stream, observer, 0.1)
+    assert "about where the scene has it at 0 s" in found.value.way_out
+    now = time.monotonic()
+    unseen = {"event": "unseen", "time": now, "frame": "world", "why": {"cart": "none"}}
+    told = {"event": "obstacles", "time": now, "frame": "world", "centers": {"cart": [0.7, 3.1, 0.3]}}
+    clouds.events = [unseen]
+    assert stream.news(0.01) == [] and stream.obstacles_age == float("inf")
+    clouds.events = [told]
+    assert await_obstacles(stream, observer, 1.0) == clouds.zero == now
+    np.testing.assert_allclose(observer.observe(0.0).table[number, 1:4], [0.7, 3.1, 0.3], atol=1e-3)
+    clouds.events = [{**unseen, "frame": "camera"}]
+    with pytest.raises(SendError, match="in the frame 'camera'"):
+        stream.news(0.01)
+    stream.close()
+    assert clouds.over == 2
+
+
+def test_arms_brake_when_nothing_reads_the_clouds_any_more(cloudy):
+    bridge, _, stream = cloudy
+    now = time.monotonic()
+    stream._clouds.events = [
+        {"event": "obstacles", "time": now, "frame": "world", "centers": {"cart": [0.7, 3.0, 0.3]}}
+    ]
+    stream.news(0.01)
+    stream.begin(np.array(bridge.position))
+    stream._clouds.ended = "the program that reads the clouds ended: killed"
+    stream.news(0.01)
+    assert stream.obstacles_age == float("inf") and bridge.player.why == stream._clouds.ended
+    bridge.player.why = ""
+    stream.news(0.01)
+    assert bridge.player.why == ""  # it was told once
+
+
+def test_clouds_without_a_scene_are_refused(planned, cloudy):
+    bridge, _, _ = cloudy
+    with pytest.raises(SendError, match="shapes are not known"):
+        CommandStream(planned[1].robot, StreamNames(obstacles="/cloud"), QUICK, obstacles={2: "cart"})
+    assert bridge.over.is_set()
+
+
+def test_in_a_shorter_list_nobody_takes_anothers_place(planned, connected):
+    """Obstacles in a list are told by their places: where one is missing, none is told."""
+    bridge = connected(obstacles={"0": [0.0, 0.0, 1.0], "1": [0.0, 0.0, 2.0]})
+    usual = bridge.news
+
+    def news(wait):
+        found = usual(wait)
+        for event in found:
+            if event["event"] == "obstacles":
+                event["counted"] = True
+        return found
+
+    bridge.news = news
+    names = StreamNames(obstacles="/seen")
+    stream = CommandStream(planned[1].robot, names, QUICK, obstacles={2: "cart", 3: "gate"})
+    assert {seen.number for _ in range(20) for seen in stream.news(0.005)} == {2, 3}
+    bridge.obstacles = {"0": [0.0, 0.0, 2.0]}
+    time.sleep(0.05)
+    stream.news(0.0)
+    assert not [seen for _ in range(20) for seen in stream.news(0.005)]
+    assert stream.obstacles_age > 0.05
 
 
 def test_obstacles_have_names_or_numbers(planned, connected):

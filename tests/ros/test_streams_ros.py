@@ -8,12 +8,17 @@ import time
 import numpy as np
 import pytest
 
+from comove import Scene
+from comove.control import Observed
 from comove.errors import SendError
 from comove.robots import Robot
+from comove.ros.online import await_obstacles, moving_names
 from comove.ros.streams import CommandStream, StreamNames, StreamSettings
 from tests.ros.robots import JAZZY, KILTED, may_have_hosts
 from tests.ros.streaming import (
     CUT,
+    FAR,
+    FAR_CLOUD,
     FAULTS,
     OBSTACLES,
     bridges_of,
@@ -50,9 +55,13 @@ def sink(ros, known):
         yield sink
 
 
-def test_a_run_arrives(ros, known, sink, tmp_path):
-    scene, folder, _ = known
-    with running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process:
+@pytest.mark.parametrize("around", [FAR, FAR_CLOUD], ids=["poses", "cloud"])
+def test_a_run_arrives(ros, known, tmp_path, around):
+    scene, folder, plan = known
+    with (
+        standing(ros, plan, around=around),
+        running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process,
+    ):
         said, _ = process.communicate(timeout=90)
     assert process.returncode == 0, said
     summary = json.loads((tmp_path / "run" / "robot_run.json").read_text())
@@ -117,6 +126,28 @@ def test_a_controller_has_its_own_order_of_joints(ros, known, tmp_path):
         sink.wait_for("set")
         with pytest.raises(SendError, match="moves elsewhere, other joints than the arm"):
             CommandStream(plan.robot, python=ros.python)
+
+
+def test_a_cloud_that_does_not_show_the_obstacle(ros, known):
+    scene, robot = Scene.load(known[0]), Robot.load("two_ur10")
+    names, settings = StreamNames(obstacles=OBSTACLES), StreamSettings(connect=3.0)
+    elsewhere = {**FAR_CLOUD, "centers": [[0.7, 4.0, 0.3]]}
+    with standing(ros, known[2], around=elsewhere):
+        stream = CommandStream(
+            robot, names, settings, obstacles=moving_names(scene), scene=scene, python=ros.python
+        )
+        with stream, pytest.raises(SendError, match=r"where 'cart.*' is: 0 points show it") as found:
+            await_obstacles(stream, Observed(scene), settings.connect)
+        assert "about where the scene has it" in found.value.way_out
+        begun = time.monotonic()
+        stream.close()
+        assert time.monotonic() - begun < 5.0
+        frame = StreamNames(obstacles=OBSTACLES, frame="camera")
+        stream = CommandStream(
+            robot, frame, settings, obstacles=moving_names(scene), scene=scene, python=ros.python
+        )
+        with stream, pytest.raises(SendError, match="in the frame 'world', and the scene is in 'camera'"):
+            await_obstacles(stream, Observed(scene), settings.connect)
 
 
 def test_nobody_listens_and_the_wrong_type(ros, known, sink):

@@ -61,8 +61,9 @@ class StreamOptions:
         typer.Option(
             metavar="TOPIC",
             rich_help_panel=IN_ROS,
-            help="Topic that tells where moving obstacles are (PoseArray, MarkerArray, CollisionObject, "
-            "PlanningScene); where the scene has them unless given.",
+            help="Topic that tells where moving obstacles are: centres (PoseArray, MarkerArray, CollisionObject, "
+            "PlanningScene), or a cloud without points of the robot and its payload (PointCloud2); where the scene "
+            "has them unless given.",
         ),
     ] = None
     frame: Annotated[
@@ -70,7 +71,10 @@ class StreamOptions:
     ] = "world"
     noise: Annotated[
         float,
-        typer.Option(rich_help_panel=IN_ROS, help="Standard deviation of the obstacles' coordinates [m]."),
+        typer.Option(
+            rich_help_panel=IN_ROS,
+            help="Standard deviation of the obstacles' coordinates, or of a cloud's [m].",
+        ),
     ] = 0.005
 
     def wanted(self) -> bool:
@@ -198,7 +202,8 @@ def run_in_ros(
             key="--obstacles",
             way_out="give those a motion in the scene whose places are told, or leave it out",
         )
-    with CommandStream(carrier, names, StreamSettings(settings.period), obstacles=moving) as stream:
+    streamed_as = StreamSettings(settings.period, noise=ros.noise)
+    with CommandStream(carrier, names, streamed_as, obstacles=moving, scene=loaded) as stream:
         with progress_bar():
             _ready(loaded)
             observer, zero = None, None

@@ -80,16 +80,20 @@ def await_obstacles(stream: CommandStream, observer: Observed, within: float) ->
     zero, first = None, dict[int, SeenObstacle]()
     while missing - set(first):
         if time.monotonic() > until:
-            name = observer.scene.name_of(min(missing - set(first)))
+            lost = min(missing - set(first))
+            why = stream.why_unseen(moving_names(observer.scene)[lost])
             raise SendError(
-                f"nobody tells where '{name}' is",
+                f"nobody tells where '{observer.scene.name_of(lost)}' is{why and f': {why}'}",
                 key="obstacles",
-                way_out="tell it on the topic of --obstacles, by this name or by its number among those that move",
+                way_out="let the clouds show it, about where the scene has it at 0 s"
+                if why
+                else "tell it on the topic of --obstacles, by this name or by its number among those that move",
             )
         for seen in stream.news(0.05):
             if seen.time <= time.monotonic() + stream.settings.clock:
                 first[seen.number] = seen
     zero = max((seen.time for seen in first.values()), default=time.monotonic())
+    stream.let_turn(zero)
     for seen in first.values():
         observer.update(seen.number, seen.center[: observer.scene.n_dims], 0.0)
     return zero

@@ -68,6 +68,11 @@ class Ros2Node:
         """Return the time of ROS [ns]."""
         return self.node.get_clock().now().nanoseconds
 
+    def instant(self, stamp):
+        """Return the instant of a stamp [ns] by the monotonic clock [s]; of a stamp of 0, the present one."""
+        now = self.now
+        return time.monotonic() - (now - (stamp or now)) * 1e-9
+
     def listen(self, joint_states, joints):
         """Listen to joints; to all if `joints` is None."""
         from rclpy.qos import qos_profile_sensor_data

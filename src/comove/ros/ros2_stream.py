@@ -20,6 +20,7 @@ from ros2_node import Ros2Node, names_of, nanoseconds, require_names
 from ros2_program import Refused, run
 
 POSITIONS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
+CLOUD = "sensor_msgs/msg/PointCloud2"
 HORIZON = 0.02  # s, between short trajectories
 LOOK = 0.5  # s, between looks at who else commands
 ASKED = 3.0  # s, for a controller to tell its joints
@@ -132,11 +133,13 @@ class Ros2Stream(Ros2Node):
         for stream in self.streams:
             while not stream.publisher.get_subscription_count():
                 wait(until, "stream", stream.publisher.topic_name)
+        tells = None
         if obstacles is not None:
-            kind = self.found(obstacles, self.node.get_publishers_info_by_topic, "obstacles", until)
-            if kind not in CENTERS:
-                raise Refused("obstacle_kind", obstacles, [kind])
-            self.watch(obstacles, kind)
+            tells = self.found(obstacles, self.node.get_publishers_info_by_topic, "obstacles", until)
+            if tells not in (*CENTERS, CLOUD):
+                raise Refused("obstacle_kind", obstacles, [tells])
+            if tells != CLOUD:  # which takes too long to read here
+                self.watch(obstacles, tells)
         while missing := self.measured.missing():
             wait(until, "joints", missing[0], sorted(self.measured.position))
         for stream in self.streams:
@@ -149,7 +152,7 @@ class Ros2Stream(Ros2Node):
         for topic, nodes in self.others():
             raise Refused("commanded", topic, nodes)
         self.node.create_timer(LOOK, self.look)
-        self.tell("connected", kinds=sorted({stream.kind for stream in self.streams}))
+        self.tell("connected", kinds=sorted({stream.kind for stream in self.streams}), obstacles=tells)
 
     def found(self, topic, ends, reason, until):
         """Return the type of a topic, when it has another end."""
@@ -159,7 +162,7 @@ class Ros2Stream(Ros2Node):
                 until,
                 reason,
                 topic,
-                sorted(n for n, types in kinds if {POSITIONS, TRAJECTORY, *CENTERS} & {*types}),
+                sorted(n for n, types in kinds if {POSITIONS, TRAJECTORY, CLOUD, *CENTERS} & {*types}),
             )
         return infos[0].topic_type
 
@@ -206,11 +209,9 @@ class Ros2Stream(Ros2Node):
 
         def on_message(message):
             stamp, frame, found = centers(message)
-            if not found:  # as changes of a planning scene that concern others
-                return
-            now = self.now
-            at = time.monotonic() - (now - (stamp or now)) * 1e-9
-            self.tell("obstacles", time=at, frame=frame, centers=found)
+            if found:  # changes of a planning scene may concern others
+                counted = kind == "geometry_msgs/msg/PoseArray"
+                self.tell("obstacles", time=self.instant(stamp), frame=frame, centers=found, counted=counted)
 
         self.node.create_subscription(message_type(kind), topic, on_message, qos_profile_sensor_data)
 

@@ -12,9 +12,10 @@ Its joints and the obstacles around it come back.
 
 Events, with instants by the system's monotonic clock:
 
-    {"event": "connected", "kinds": [TYPE]}
+    {"event": "connected", "kinds": [TYPE], "obstacles": TYPE or null}   clouds are read as in `comove.ros.clouds`
     {"event": "joints", "time": s, "age": s, "position": {NAME: rad}}
-    {"event": "obstacles", "time": s, "frame": NAME, "centers": {NAME: [m]}}
+    {"event": "obstacles", "time": s, "frame": NAME, "centers": {NAME: [m]}, "counted": whether the names are places
+        in a list, which others take where one is missing}
     {"event": "braked", "run": n, "why": TEXT, "position": [rad]}     at rest; another run may begin
     {"event": "played", "time": [s], "number": [n], "run": [n], "commanded": [[rad]], "measured": [[rad]]}
     {"event": "played_all"}                               after the last one, when the input has ended
@@ -35,13 +36,14 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.errors import SendError, listed
+from comove.model.scene import Scene
 from comove.robots.description import RosNames
 from comove.robots.model import Robot
 from comove.ros.bridges import BridgeProcess, Event, awaited
 from comove.ros.clients import ARM, ROS2, started
+from comove.ros.clouds import CLOUD, STARTING, ObstacleClouds
 
 PROGRAM = Path(__file__).with_name("ros2_stream.py")
-STARTING = 20.0  # s, for a Python to load ROS
 ENDING = 6.0  # s, for the arms to rest at the end
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
@@ -95,6 +97,7 @@ class StreamSettings:
     connect : time to wait for the robot [s]
     joints_silence, obstacles_silence : time without reports of joints, of obstacles, after which the arms brake [s]
     clock : largest difference of the robot's clock from this one [s]
+    noise : standard deviation of the points of clouds [m]
     """
 
     period: float = 0.004
@@ -102,6 +105,7 @@ class StreamSettings:
     joints_silence: float = 0.25
     obstacles_silence: float = 0.5
     clock: float = 0.1
+    noise: float = 0.005
 
 
 class SeenObstacle(NamedTuple):
@@ -145,6 +149,7 @@ class CommandStream:
     names : names of its topics
     settings : settings
     obstacles : names of the obstacles whose positions are told, by their numbers in the scene
+    scene : their scene, without which point clouds do not tell where they are
     python : path of a Python with ROS 2; searched for unless given
 
     Attributes
@@ -165,15 +170,18 @@ class CommandStream:
         settings: StreamSettings = StreamSettings(),
         *,
         obstacles: Mapping[int, str] | None = None,
+        scene: Scene | None = None,
         python: str | None = None,
     ):
         self.robot, self.names, self.settings = robot, names or StreamNames.of(robot), settings
         self.kinds, self.ages = frozenset[str](), list[float]()
         self._obstacles = dict(obstacles or {})
         self._numbers = {name: number for number, name in self._obstacles.items()}
-        self._position, self._heard, self._seen_at = dict[str, float](), dict[str, float](), -np.inf
+        self._position, self._heard = dict[str, float](), dict[str, float]()
+        self._seen_at = dict.fromkeys(self._obstacles, -np.inf)
         self._braked, self._rows = list[Braked](), list[Event]()
-        self._bridge = self._opened(python)
+        self._bridge, told_by = self._opened(python)
+        self._clouds = None if told_by != CLOUD else self._read(scene, python)
 
     def __enter__(self) -> Self:
         return self
@@ -181,7 +189,8 @@ class CommandStream:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _opened(self, python: str | None) -> BridgeProcess:
+    def _opened(self, python: str | None) -> tuple[BridgeProcess, str | None]:
+        """Start the bridge; return it, and the type of the obstacles' topic."""
         names, how = self.names, self.settings
         arms = {arm.name: _joints_of(self.robot, arm.columns) for arm in self.robot.arms}
         command = {
@@ -205,7 +214,22 @@ class CommandStream:
         except SendError:
             process.close()
             raise
-        return process
+        return process, answer.get("obstacles")
+
+    def _read(self, scene: Scene | None, python: str | None) -> ObstacleClouds:
+        """Start the program that reads clouds."""
+        topic = str(self.names.obstacles)
+        try:
+            if scene is None:
+                raise SendError(
+                    f"'{topic}' has clouds, and shapes are not known",
+                    key="obstacles",
+                    way_out="give the scene as well",
+                )
+            return ObstacleClouds(topic, scene, self._obstacles, self.settings.noise, python)
+        except BaseException:
+            self._bridge.close()
+            raise
 
     @property
     def lead(self) -> int:
@@ -230,8 +254,12 @@ class CommandStream:
 
     @property
     def obstacles_age(self) -> float:
-        """Return the time since obstacles were measured last [s]; 0 if none are to be told."""
-        return time.monotonic() - self._seen_at if self._obstacles else 0.0
+        """Return the age of the oldest obstacle's measurement [s].
+
+        It is 0 if none are to be told, and negative for stamps from the future.
+        """
+        now = time.monotonic()
+        return max((now - at for at in self._seen_at.values()), key=abs, default=0.0)
 
     def require_clock(self) -> None:
         """Wait until the joints are as new as clocks allow.
@@ -272,7 +300,22 @@ class CommandStream:
 
     def news(self, wait: float) -> list[SeenObstacle]:
         """Return the obstacles measured since the last call, in order. It waits at most `wait` [s]."""
-        return [seen for event in self._bridge.news(wait) for seen in self._take(event)]
+        found = [seen for event in self._bridge.news(wait) for seen in self._take(event)]
+        if self._clouds is not None:
+            found += [seen for event in self._clouds.news() for seen in self._seen(event)]
+            if self._clouds.ended and np.isfinite(list(self._seen_at.values())).any():
+                self._seen_at = dict.fromkeys(self._seen_at, -np.inf)
+                self.brake(self._clouds.ended)
+        return found
+
+    def why_unseen(self, name: str) -> str:
+        """Return in words why points do not tell where an obstacle is; empty if no clouds are read."""
+        return self._clouds.unseen.get(name, "") if self._clouds is not None else ""
+
+    def let_turn(self, time: float) -> None:
+        """Let turning obstacles begin at an instant by the monotonic clock [s]."""
+        if self._clouds is not None:
+            self._clouds.begin(time)
 
     def braked(self) -> Braked | None:
         """Return the next stop that was not commanded, once; None without one."""
@@ -294,8 +337,12 @@ class CommandStream:
         return Played(np.array(rows["time"]), np.array(rows["number"], dtype=int), **joints)
 
     def close(self) -> None:
-        """End the process; arms that move come to rest."""
+        """End the processes; arms that move come to rest."""
+        if self._clouds is not None:
+            self._clouds.end_input()
         self._bridge.close()
+        if self._clouds is not None:
+            self._clouds.close()
 
     def _take(self, event: Event) -> list[SeenObstacle]:
         """Note an event; return the obstacles of which it tells."""
@@ -328,32 +375,32 @@ class CommandStream:
 
     def _seen(self, event: Event) -> list[SeenObstacle]:
         """Return the obstacles of an event. Their names must be the scene's; numbers count those that move."""
-        frame, wanted, found = event["frame"], self.names.frame, list[SeenObstacle]()
+        frame, wanted = event["frame"], self.names.frame
         if frame not in ("", wanted):
             raise SendError(
                 f"{self.names.obstacles} tells obstacles in the frame '{frame}', and the scene is in '{wanted}'",
                 key="frame",
                 way_out=f"publish them in '{wanted}', or give --frame '{frame}' if that is the scene's",
             )
-        counted = list(self._obstacles)
-        for name, center in event["centers"].items():
+        counted, found = list(self._obstacles), list[SeenObstacle]()
+        if event["event"] != "obstacles":
+            return found
+        missing = event.get("counted") and len(event["centers"]) != len(counted)
+        for name, center in () if missing else event["centers"].items():
             number = self._numbers.get(name)
             if number is None and name.isdecimal() and int(name) < len(counted):
                 number = counted[int(name)]
-            if number is not None:
+            if number is not None and np.isfinite(center).all():
                 found.append(SeenObstacle(number, np.array(center, dtype=float), event["time"]))
-        missing = [
-            name for number, name in self._obstacles.items() if number not in {s.number for s in found}
-        ]
-        if missing and not found:
+        if counted and not found and not np.isfinite(list(self._seen_at.values())).any():
             told = ", ".join(event["centers"]) or "nothing"
             raise SendError(
-                f"{self.names.obstacles} tells of {told}, and not of '{missing[0]}'",
+                f"{self.names.obstacles} tells of {told}, and not of '{self._obstacles[counted[0]]}'",
                 key="obstacles",
-                way_out="give it the names that obstacles have in the scene, or numbers from 0 in their order",
+                way_out="give it the names that obstacles have in the scene, or numbers from 0 in their order, "
+                "as many as move",
             )
-        if found:
-            self._seen_at = event["time"]
+        self._seen_at |= {seen.number: seen.time for seen in found}
         return found
 
 
@@ -397,7 +444,7 @@ def _stream_refusal(answer: Event, timeout: float) -> SendError:
         "obstacle_kind": (
             "obstacles",
             f"'{what}' has messages of type {listed(found)}",
-            "give a topic of PoseArray, MarkerArray, CollisionObject or PlanningScene",
+            "give a topic of PoseArray, MarkerArray, CollisionObject, PlanningScene or PointCloud2",
         ),
         "joints": (
             "joint_states",
