@@ -88,7 +88,7 @@ def test_the_order_is_that_of_the_design():
         *("errors", "arrays", "brief", "methods", "compiled", "trajectory"),
         *("io", "processes", "geometry"),
         *("dmp", "model", "verification", "contacts", "optim", "planning", "results"),
-        *("control", "robots", "sim", "stored", "solving", "ros", "data", "view", "lab", "cli"),
+        *("control", "robots", "sim", "stored", "solving", "tasks", "ros", "data", "view", "lab", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()
 
@@ -193,8 +193,15 @@ def test_only_the_judges_make_verified_motions(modules):
 
 def test_nothing_imports_a_product_but_the_products_below_it(modules):
     """The core runs without simulators, ROS, datasets, figures and laboratory, and these without each other."""
-    products = {"sim", "ros", "data", "view", "lab"}
-    may = {"stored": {"sim"}, "data": {"sim"}, "view": {"sim"}, "lab": products, "cli": products}
+    products = {"sim", "tasks", "ros", "data", "view", "lab"}
+    may = {
+        "stored": {"sim"},
+        "tasks": {"sim"},
+        "data": {"sim"},
+        "view": {"sim"},
+        "lab": products,
+        "cli": products,
+    }
     for inside, room, nodes in modules.values():
         assert rooms_entered(nodes) & products <= may.get(room, set()) | {room}, inside
 
