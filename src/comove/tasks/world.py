@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import copy
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 from comove.arrays import Array, Integers
 from comove.brief import brief
 from comove.errors import RobotError, near_name
+from comove.geometry.triangles import elements_of
 from comove.robots.model import Robot
 from comove.robots.proposal.tree import Tree
 from comove.sim.engine import engine, without_log
@@ -142,7 +142,7 @@ class World:
         standing = around.standing()
         parts = {root: around.parts(root) for root in sorted(roles.loose)}
         folder = folder_of(mj, model, converted, meshes.files)
-        tree = Tree.of(ET.fromstring(converted.urdf))
+        tree = Tree.of(elements_of(converted.urdf.encode()))
         joints = {_name(model, "joint", k): k for k in range(model.njnt)}
         driven = frozenset(joint for joint, k in joints.items() if drives[k].is_driven)
         chains = arms_of(tree, driven, arms)
