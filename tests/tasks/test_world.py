@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.errors import RobotError
 from comove.model import Scene
+from comove.robots.proposal.bodies import pairs_of, touching
 from comove.sim.engine import engine
 from comove.tasks import Rates, World
 
@@ -68,7 +69,11 @@ MODEL = f"""
   <worldbody>
     <geom name="floor" type="plane" size="0 0 1"/>
     <body name="table" pos=".6 0 .2" euler="0 0 .3"><geom name="board" type="box" size=".2 .4 .02"/>
-      <geom name="vase" type="cylinder" size=".03 .1" pos="0 .3 .12"/></body>
+      <geom name="vase" type="cylinder" size=".03 .1" pos="0 .3 .12"/>
+      <body pos="-.3 0 0"><joint name="hinge" axis="0 1 0"/>
+        <geom name="flap" type="box" size=".05 .1 .01"/></body></body>
+    <geom name="stop" type="box" size=".05 .05 .05" pos="2.101 0 .5"/>
+    <body name="brick" pos="2 0 .5"><freejoint/><geom type="box" size=".05 .05 .05" mass="2"/></body>
     <body name="pot" pos=".6 0 .2705" euler="0 0 1"><freejoint/>
       <geom type="box" size=".05 .1 .05" mass=".7"/><geom type="box" size=".01 .03 .01" pos="0 .13 .02" mass=".1"/>
       <site name="handle" pos="0 .13 .02" euler=".4 0 .2"/>
@@ -110,7 +115,7 @@ def simulated(text=MODEL, seed=0):
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     for joint in range(model.njnt):
         name = model.joint(joint).name
-        if name[1:3] == "_j":
+        if name[1:3] == "_j" or name == "hinge":
             data.qpos[model.jnt_qposadr[joint]] = rng.uniform(-0.6, 0.6)
     mujoco.mj_forward(model, data)
     return model, data
@@ -234,11 +239,21 @@ def test_links_that_touch_now_need_not_be_kept_apart_but_for_other_arms(seen):
     assert frozenset(("a_palm", "b_palm")) in pairs and frozenset(("a_l3", "b_l3")) in pairs
 
 
+def test_hands_of_different_arms_that_touch_now_are_compared(seen):
+    data = engine().MjData(seen.model)
+    for name, value in {"a_j1": -np.pi / 2, "b_j1": np.pi / 2, "a_j2": 0.65, "b_j2": 0.65}.items():
+        data.qpos[seen.model.joint(name).qposadr[0]] = value
+    robot = World.from_mujoco(seen.model, data).robot
+    hit = touching(robot, robot.home[None])[0]
+    met = {pair for pair, hits in zip(pairs_of(robot), hit, strict=True) if hits}
+    assert met and all({name[0] for name in pair} == {"a", "b"} for pair in met)
+
+
 def test_furniture_is_where_it_stands_and_carries_what_rests_on_it(seen):
     data, found = seen.data, {entry["name"]: entry for entry in seen.world.obstacles}
-    assert set(found) == {"floor", "board", "vase"}
+    assert set(found) == {"floor", "board", "vase", "flap", "stop"}
     assert {name for name, entry in found.items() if entry.get("support")} == {"board"}
-    for name in ("board", "vase"):
+    for name in ("board", "vase", "flap", "stop"):
         geom = data.geom(name)
         np.testing.assert_allclose(placed(found[name]), matrix(geom.xpos, geom.xmat), atol=1e-8)
     assert found["board"]["size"] == pytest.approx([0.4, 0.8, 0.04])
@@ -249,7 +264,7 @@ def test_furniture_is_where_it_stands_and_carries_what_rests_on_it(seen):
 
 def test_bodies_are_what_moves_freely(seen):
     model, data, world = seen.model, seen.data, seen.world
-    assert set(world.bodies) == {"pot", "toy"}
+    assert set(world.bodies) == {"pot", "toy", "brick"}
     for name, mass in (("pot", 0.85), ("toy", 0.4)):
         body = world.body(name)
         assert body.mass == pytest.approx(mass)
@@ -304,7 +319,7 @@ def test_a_scene_takes_what_a_world_holds(seen):
             folder=world.folder,
             check_ends=False,
         )
-        assert len(scene.file.obstacles) == 3
+        assert len(scene.file.obstacles) == 5
 
 
 def test_objects_that_hold_model_and_data_will_do(seen):
