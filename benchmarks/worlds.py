@@ -37,7 +37,7 @@ HEADER = (
     *("world", "arms", "bodies", "obstacles", "open, closed [mm]", "off the site", "off MuJoCo [mm]"),
     *("left out", "touch", "first [s]", "second [s]"),
 )
-SITES = ("grip_site", "control_point")  # ends of names of sites between fingers
+SITES = ("grip_site",)  # ends of names of sites between fingers
 LIFT = "TwoArmLift"
 N_CONFIGURATIONS = 10
 

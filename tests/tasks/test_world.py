@@ -364,6 +364,16 @@ def test_another_state_is_another_home_and_the_same_model(seen):
     np.testing.assert_array_equal(other.robot.home, other.joints_of(data))
 
 
+def test_another_payload_is_another_body_of_the_same_robot(seen):
+    """Environments draw the sizes of what is carried anew."""
+    model, data = simulated(MODEL.replace('size=".05 .1 .05" mass=".7"', 'size=".04 .1 .05" mass=".6"'))
+    other = World.from_mujoco(model, data)
+    assert other.folder == seen.world.folder and other.robot is seen.world.robot
+    assert other.body("pot").mass == pytest.approx(0.75)
+    stiff = World.from_mujoco(*simulated(MODEL.replace('kp="300"', 'kp="200"')))
+    assert stiff.folder != seen.world.folder
+
+
 def test_a_damaged_cache_is_mended(seen):
     """A file of another size is none of a world's."""
     for file in (*(seen.world.folder / "meshes").iterdir(), seen.world.folder / "robot.urdf"):

@@ -60,14 +60,26 @@ class Rates:
     acceleration: float = 5.0
 
 
-def folder_of(mj: Any, model: Any, converted: Converted, meshes: Mapping[str, bytes]) -> Path:
-    """Return the cache's folder of a model with its URDF and meshes, which are written where missing."""
+def folder_of(
+    mj: Any, model: Any, roots: frozenset[int], converted: Converted, meshes: Mapping[str, bytes]
+) -> Path:
+    """Return the cache's folder of a model with its URDF and meshes, which are written where missing.
+
+    Parameters
+    ----------
+    roots : trees of the robot; what else moves has another folder only if its meshes differ
+    meshes : of all else, by name
+    """
     files = {URDF: converted.urdf.encode()}
     files |= {f"{MESHES}/{name}": content for name, content in {**converted.meshes, **meshes}.items()}
+    own = {
+        "jnt_": np.isin(model.body_rootid[model.jnt_bodyid], list(roots)),
+        "dof_": np.isin(model.body_rootid[model.dof_bodyid], list(roots)),
+    }
     arrays = [
-        np.ascontiguousarray(getattr(model, name)).tobytes()
+        np.ascontiguousarray(values[own.get(name[:4], slice(None))]).tobytes()
         for name in dir(model)
-        if name.startswith(PHYSICS) and isinstance(getattr(model, name), np.ndarray)
+        if name.startswith(PHYSICS) and isinstance(values := getattr(model, name), np.ndarray)
     ]
     made_by = [get_data("comove.tasks", f"{name}.py") or b"" for name in ("grippers", "robot")]
     parts = [mj.__version__.encode(), *made_by, *arrays, *(item for file in files.items() for item in file)]

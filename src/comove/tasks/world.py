@@ -141,7 +141,7 @@ class World:
         )
         standing = around.standing()
         parts = {root: around.parts(root) for root in sorted(roles.loose)}
-        folder = folder_of(mj, model, converted, meshes.files)
+        folder = folder_of(mj, model, roles.robot, converted, meshes.files)
         tree = Tree.of(elements_of(converted.urdf.encode()))
         joints = {_name(model, "joint", k): k for k in range(model.njnt)}
         driven = frozenset(joint for joint, k in joints.items() if drives[k].is_driven)
