@@ -20,12 +20,14 @@ TURN = 20.0  # deg, of the fingers of one hand in their palm
 
 PARALLEL = f"""
 <body name="NAME_f1" pos="0 0 .02" euler="0 0 {TURN}"><joint name="NAME_f1" type="slide" axis="0 1 0" range="0 .04"/>
-  <geom type="box" size=".01 .005 .03" pos="0 .005 .03" mass=".05"/></body>
+  <geom type="box" size=".01 .005 .03" pos="0 .005 .03" mass=".05"/>
+  <geom type="box" size=".012 .01 .03" pos="0 .012 .03" mass=".01"/></body>
 <body name="NAME_f2" pos="0 0 .02" euler="0 0 {TURN}"><joint name="NAME_f2" type="slide" axis="0 -1 0" range="0 .04"/>
-  <geom type="box" size=".01 .005 .03" pos="0 -.005 .03" mass=".05"/></body>
+  <geom type="box" size=".01 .005 .03" pos="0 -.005 .03" mass=".05"/>
+  <geom type="box" size=".012 .01 .03" pos="0 -.012 .03" mass=".01"/></body>
 <site name="NAME_grip" pos="0 0 .065" euler="0 0 {TURN}"/>
 """
-"""Two slides that an equality couples; between pads that are 60 mm long, 15 mm behind their ends, is the site."""
+"""Two slides that an equality couples, with pads 2 mm before thicker fingers; between the pads is the site."""
 KNUCKLE = """
 <body name="NAME_kSIDE" pos="0 Y .02"><joint name="NAME_kSIDE" axis="X 0 0" range="0 .6"/>
   <geom type="capsule" size=".004" fromto="0 0 .01 0 0 .04" mass=".02"/>

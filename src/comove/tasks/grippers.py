@@ -251,7 +251,7 @@ class _Shape:
             out = begins
         approach = _aligned(out - closing * (out @ closing))
         pads = tuple(
-            _pad(model, poses[narrow].data, hand.palm, side, approach, sign * closing)
+            _pad(mj, model, poses[narrow].data, hand.palm, side, approach, sign * closing)
             for sign, side in zip((-1.0, 1.0), sides, strict=True)
         )
         return cls(mj, model, hand.palm, (pads[0], pads[1]), approach, closing)
@@ -268,18 +268,18 @@ class _Shape:
         return float(abs((middles[0] - middles[1]) @ self.closing))
 
     def frame(self, opened: Any, closed: Any) -> Array:
-        """Return the grasp frame in the palm; array, shape (4, 4)."""
-        ends = [_corners(self.model, closed, self.palm, pad) for pad in self.pads]
-        low = max(float((one @ self.approach).min()) for one in ends)
-        high = min(float((one @ self.approach).max()) for one in ends)
-        depth = max(0.5 * (low + high), high - SETTINGS.pad)
-        middle = np.mean(
-            [_corners(self.model, opened, self.palm, pad).mean(axis=0) for pad in self.pads], axis=0
+        """Return the grasp frame in the palm, midway between the pads; array, shape (4, 4)."""
+        turn = np.column_stack((np.cross(self.closing, self.approach), self.closing, self.approach))
+        shut, wide = (
+            [_points(self.mj, self.model, data, self.palm, pad) @ turn for pad in self.pads]
+            for data in (closed, opened)
         )
+        place = np.mean([0.5 * (one.min(axis=0) + one.max(axis=0)) for one in wide], axis=0)
+        place[1] = 0.5 * (wide[0][:, 1].min() + wide[1][:, 1].max())  # between their faces
+        low, high = max(one[:, 2].min() for one in shut), min(one[:, 2].max() for one in shut)
+        place[2] = max(0.5 * (low + high), high - SETTINGS.pad)
         frame = np.eye(4)
-        frame[:3, 1], frame[:3, 2] = self.closing, self.approach
-        frame[:3, 0] = np.cross(self.closing, self.approach)
-        frame[:3, 3] = middle + (depth - middle @ self.approach) * self.approach
+        frame[:3, :3], frame[:3, 3] = turn, turn @ place
         return frame
 
 
@@ -288,22 +288,29 @@ def _seen(data: Any, palm: int, points: Array) -> Array:
     return np.asarray((points - data.xpos[palm]) @ data.xmat[palm].reshape(3, 3))
 
 
-def _corners(model: Any, data: Any, palm: int, geom: int) -> Array:
-    """Return the corners of a geom's box in the palm; array, shape (8, 3) [m]."""
-    middle, half = model.geom_aabb[geom].reshape(2, 3)
-    corners = middle + half * np.array(list(product((-1.0, 1.0), repeat=3)))
-    return _seen(data, palm, corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
+def _points(mj: Any, model: Any, data: Any, palm: int, geom: int) -> Array:
+    """Return a mesh's vertices, or the corners of a geom's box, in the palm; array, shape (n, 3) [m]."""
+    if int(model.geom_type[geom]) == int(mj.mjtGeom.mjGEOM_MESH):
+        mesh = int(model.geom_dataid[geom])
+        first = int(model.mesh_vertadr[mesh])
+        points = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)
+    else:
+        middle, half = model.geom_aabb[geom].reshape(2, 3)
+        points = middle + half * np.array(list(product((-1.0, 1.0), repeat=3)))
+    return _seen(data, palm, points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
 
 
-def _pad(model: Any, data: Any, palm: int, side: Sequence[int], approach: Array, inwards: Array) -> int:
+def _pad(
+    mj: Any, model: Any, data: Any, palm: int, side: Sequence[int], approach: Array, inwards: Array
+) -> int:
     """Return the smallest of the innermost geoms at the fingertips of a side."""
-    corners = {geom: _corners(model, data, palm, geom) for geom in side}
-    reach = {geom: float((one @ approach).max()) for geom, one in corners.items()}
-    begin, end = min(float((one @ approach).min()) for one in corners.values()), max(reach.values())
+    points = {geom: _points(mj, model, data, palm, geom) for geom in side}
+    reach = {geom: float((one @ approach).max()) for geom, one in points.items()}
+    begin, end = min(float((one @ approach).min()) for one in points.values()), max(reach.values())
     tips = [geom for geom in side if reach[geom] >= begin + SETTINGS.tips * (end - begin)]
-    face = {geom: float((corners[geom] @ inwards).max()) for geom in tips}
+    face = {geom: float((points[geom] @ inwards).max()) for geom in tips}
     inner = [geom for geom in tips if face[geom] >= max(face.values()) - SETTINGS.near]
-    return min(inner, key=lambda geom: float(np.prod(np.ptp(corners[geom], axis=0))))
+    return min(inner, key=lambda geom: float(np.prod(np.ptp(points[geom], axis=0))))
 
 
 def _aligned(direction: Array) -> Array:
