@@ -19,10 +19,12 @@ from comove.tasks import Rates, World
 TURN = 20.0  # deg, of the fingers of one hand in their palm
 
 PARALLEL = f"""
-<body name="NAME_f1" pos="0 0 .02" euler="0 0 {TURN}"><joint name="NAME_f1" type="slide" axis="0 1 0" range="0 .04"/>
+<body name="NAME_f1" pos="0 0 .02" euler="0 0 {TURN}">
+  <joint name="NAME_f1" type="slide" axis="0 1 0" range="0 .04" damping="5"/>
   <geom type="box" size=".01 .005 .03" pos="0 .005 .03" mass=".05"/>
   <geom type="box" size=".012 .01 .03" pos="0 .012 .03" mass=".01"/></body>
-<body name="NAME_f2" pos="0 0 .02" euler="0 0 {TURN}"><joint name="NAME_f2" type="slide" axis="0 -1 0" range="0 .04"/>
+<body name="NAME_f2" pos="0 0 .02" euler="0 0 {TURN}">
+  <joint name="NAME_f2" type="slide" axis="0 -1 0" range="0 .04" damping="5"/>
   <geom type="box" size=".01 .005 .03" pos="0 -.005 .03" mass=".05"/>
   <geom type="box" size=".012 .01 .03" pos="0 -.012 .03" mass=".01"/></body>
 <site name="NAME_grip" pos="0 0 .065" euler="0 0 {TURN}"/>
