@@ -88,7 +88,7 @@ def test_the_order_is_that_of_the_design():
         *("errors", "arrays", "brief", "methods", "compiled", "trajectory"),
         *("io", "processes", "geometry"),
         *("dmp", "model", "verification", "contacts", "optim", "planning", "results"),
-        *("control", "robots", "sim", "stored", "solving", "ros", "tasks", "data", "view", "lab", "cli"),
+        *("control", "robots", "sim", "stored", "solving", "tasks", "ros", "data", "view", "lab", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()
 
@@ -193,7 +193,7 @@ def test_only_the_judges_make_verified_motions(modules):
 
 def test_nothing_imports_a_product_but_the_products_below_it(modules):
     """The core runs without simulators, ROS, datasets, figures and laboratory, and these without each other."""
-    products = {"sim", "ros", "tasks", "data", "view", "lab"}
+    products = {"sim", "tasks", "ros", "data", "view", "lab"}
     may = {
         "stored": {"sim"},
         "tasks": {"sim"},

@@ -95,7 +95,10 @@ class Room:
 
     @classmethod
     def widest(cls, bodies: Bodies) -> Room:
-        """Return the free space with the least spare clearance, which every other one is part of."""
+        """Return the free space with the least spare clearance.
+
+        Every other one is part of it.
+        """
         return cls(bodies, bodies.robot.arms, np.full(len(bodies.kind), SETTINGS.spares[-1]))
 
     @property

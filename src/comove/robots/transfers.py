@@ -330,7 +330,7 @@ class Retreat:
         return Room.widest(self.bodies)
 
     def room(self, q: Array) -> Room:
-        """Return the free space from joints q, array (n_joints,), to the other ones."""
+        """Return the free space from joints q, (n_joints,), to the others."""
         ends = np.stack([q, self.other])
         return Room.for_ends(self.bodies, self.scene, ends, self.scene.nodes_at(self.end))
 

@@ -47,10 +47,10 @@ def made_by() -> bytes:
     return hashlib.sha256(b"".join(sources)).digest()
 
 
-def cache_folder() -> Path:
-    """Return the folder of converted meshes. It is $XDG_CACHE_HOME/comove/meshes, else ~/.cache/comove/meshes."""
+def cache_folder(kind: str = "meshes") -> Path:
+    """Return the folder of converted files of a kind: $XDG_CACHE_HOME/comove/KIND, else ~/.cache/comove/KIND."""
     base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "comove" / "meshes"
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "comove" / kind
 
 
 def as_obj(mesh: Path) -> Path:

@@ -18,7 +18,7 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -92,6 +92,17 @@ def urdf_of(file: Path) -> Converted:
         If MuJoCo is not installed.
     """
     return _Writer(engine(), model_in(file), file).converted()
+
+
+def robot_of(model: Any, name: str) -> Converted:
+    """Convert the robot of a compiled model alone. Its `obstacles` are None.
+
+    Raises
+    ------
+    RobotError
+        If the model has no robot, or a joint has no counterpart in a URDF.
+    """
+    return _Writer(engine(), model, Path(name)).written()
 
 
 def obstacles_in(file: Path) -> list[dict[str, Any]]:
@@ -172,20 +183,60 @@ def _require_bounded(file: Path) -> None:
     raise RobotError(told, file=file, way_out=way_out)
 
 
+class MeshFiles:
+    """Meshes of a compiled model as binary STL, named when they are asked for.
+
+    `files` has their contents by name.
+    """
+
+    def __init__(self, model: Any):
+        self.model, self.files = model, dict[str, bytes]()
+        self._named: dict[int, str] = {}
+
+    def name_of(self, number: int) -> str:
+        """Return the file name of a mesh, and keep its triangles."""
+        model = self.model
+        if number in self._named:
+            return self._named[number]
+        stem = str(model.mesh(number).name or number).replace("/", "-")
+        name = f"{stem}.stl" if f"{stem}.stl" not in self.files else f"{stem}-{number}.stl"
+        self._named[number] = name
+        first, faces = int(model.mesh_vertadr[number]), int(model.mesh_faceadr[number])
+        vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[number])]
+        corners = model.mesh_face[faces : faces + int(model.mesh_facenum[number])]
+        self.files[name] = as_stl(np.asarray(vertices, dtype=np.float64), np.asarray(corners, dtype=np.int64))
+        return name
+
+
 class _Writer:
     """Writer of one compiled model."""
 
     def __init__(self, mj: Any, model: Any, file: Path):
         self.mj, self.model, self.file = mj, model, file
         self.robot = ET.Element("robot", {"name": file.stem, "xmlns:comove": NAMESPACE})
-        self.meshes: dict[str, bytes] = {}
-        self.named: dict[int, str] = {}  # files of meshes, by their numbers
+        self.meshes = MeshFiles(model)
         self.drives = drives_of(mj, model)
         self.roles = Roles.of(mj, model, self.drives)
         self.told: dict[str, list[str]] = {}
 
     def converted(self) -> Converted:
         """Return the whole model."""
+        robot = self.written()
+        around = ModelSurroundings(
+            self.mj,
+            self.model,
+            self.roles,
+            lambda number: MeshFile(f"{MESHES}/{self.meshes.name_of(number)}"),
+        )
+        obstacles = around.obstacles()
+        return replace(
+            robot,
+            obstacles=fragment(obstacles, self.file) if obstacles else None,
+            notes=(*robot.notes, *around.notes, *around.payloads()),
+        )
+
+    def written(self) -> Converted:
+        """Return the robot alone."""
         model, name = self.model, self.file.stem
         if not self.roles.robot:
             raise RobotError(
@@ -210,18 +261,14 @@ class _Writer:
                 )
         for tree in (self.robot, srdf):
             ET.indent(tree)
-        around = ModelSurroundings(
-            self.mj, model, self.roles, lambda number: MeshFile(f"{MESHES}/{self._mesh(number)}")
-        )
-        obstacles = around.obstacles()
         told = [text.format(", ".join(names)) for text, names in self.told.items()]
         return Converted(
             name,
             ET.tostring(self.robot, encoding="unicode"),
             ET.tostring(srdf, encoding="unicode") if len(srdf) else None,
-            fragment(obstacles, self.file) if obstacles else None,
-            self.meshes,
-            (*told, *LeftOut(self.mj, model, self.roles.robot).notes(), *around.notes, *around.payloads()),
+            None,
+            self.meshes.files,
+            (*told, *LeftOut(self.mj, model, self.roles.robot).notes()),
         )
 
     def _tell(self, text: str, name: str) -> None:
@@ -421,7 +468,10 @@ class _Writer:
             for end in (b, -b) if kind == kinds.mjGEOM_CAPSULE else ():
                 yield ET.Element("sphere", radius=repr(a)), np.array([0.0, 0.0, end])
         elif kind == kinds.mjGEOM_MESH:
-            yield ET.Element("mesh", filename=f"{MESHES}/{self._mesh(int(model.geom_dataid[geom]))}"), middle
+            yield (
+                ET.Element("mesh", filename=f"{MESHES}/{self.meshes.name_of(int(model.geom_dataid[geom]))}"),
+                middle,
+            )
         else:
             name = str(model.geom(geom).name or f"geom {geom}")
             raise RobotError(
@@ -429,19 +479,3 @@ class _Writer:
                 file=self.file,
                 way_out="take one of these, or let it collide with nothing (contype and conaffinity 0)",
             )
-
-    def _mesh(self, number: int) -> str:
-        """Return the file name of a mesh, and keep its triangles."""
-        model = self.model
-        if number in self.named:
-            return self.named[number]
-        stem = str(self.model.mesh(number).name or number).replace("/", "-")
-        name = f"{stem}.stl" if f"{stem}.stl" not in self.meshes else f"{stem}-{number}.stl"
-        self.named[number] = name
-        first, faces = int(model.mesh_vertadr[number]), int(model.mesh_faceadr[number])
-        vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[number])]
-        corners = model.mesh_face[faces : faces + int(model.mesh_facenum[number])]
-        self.meshes[name] = as_stl(
-            np.asarray(vertices, dtype=np.float64), np.asarray(corners, dtype=np.int64)
-        )
-        return name

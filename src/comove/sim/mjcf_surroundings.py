@@ -20,6 +20,7 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.sim.mjcf_actuators import Drive
 
 FLOOR, THICK = 10.0, 0.1  # m, half the width of a plane without an end, and its thickness as a box
+POINT = 1e-6  # m, length of the bar that a sphere is
 
 
 @dataclass(frozen=True)
@@ -70,17 +71,25 @@ class ModelSurroundings:
     mj, model : MuJoCo, and the compiled model
     roles : roles of its trees
     mesh : function that returns the file of a mesh by its number
+    data : state in which the bodies are; the initial one unless given
     """
 
-    def __init__(self, mj: Any, model: Any, roles: Roles, mesh: Callable[[int], MeshFile]):
+    def __init__(
+        self, mj: Any, model: Any, roles: Roles, mesh: Callable[[int], MeshFile], data: Any | None = None
+    ):
         self.mj, self.model, self.roles, self.mesh = mj, model, roles, mesh
-        self.data = mj.MjData(model)
-        mj.mj_forward(model, self.data)
+        self.data = mj.MjData(model) if data is None else data
+        if data is None:
+            mj.mj_forward(model, self.data)
         self.notes: list[str] = []
 
     def obstacles(self) -> list[dict[str, Any]]:
         """Return the static bodies as obstacles, in the model's frame."""
-        found, names = list[dict[str, Any]](), dict[str, int]()
+        return [*self.standing().values()]
+
+    def standing(self) -> dict[int, dict[str, Any]]:
+        """Return the static bodies as obstacles, by their geoms."""
+        found, names = dict[int, dict[str, Any]](), dict[str, int]()
         for body in self._bodies(self.roles.standing, world=True):
             for geom in self._geoms(body):
                 entry = self._obstacle(geom)
@@ -92,11 +101,43 @@ class ModelSurroundings:
                 stem = re.sub(r"[^\w+-]+", "_", self._name(geom)).strip("_") or "obstacle"
                 names[stem] = names.get(stem, 0) + 1
                 name = stem if names[stem] == 1 else f"{stem}_{names[stem]}"
-                found.append({"name": name, **entry})
+                found[geom] = {"name": name, **entry}
         for joint in range(self.model.njnt):
             if int(self.model.body_rootid[self.model.jnt_bodyid[joint]]) in self.roles.standing:
                 name = str(self.model.joint(joint).name or joint)
                 self.notes.append(f"no actuator drives '{name}', which stands around the robot and stays")
+        return found
+
+    def parts(self, root: int) -> list[dict[str, Any]]:
+        """Return a free tree as the parts of a scene's payload, in the frame of its root.
+
+        Capsules and spheres become bars, and an ellipsoid the box around it.
+        """
+        kinds, found = self.mj.mjtGeom, list[dict[str, Any]]()
+        place, turn = self.data.xpos[root], self.data.xmat[root].reshape(3, 3)
+        for geom in (geom for body in self._bodies(frozenset((root,))) for geom in self._geoms(body)):
+            size, kind = self.model.geom_size[geom].tolist(), kinds(int(self.model.geom_type[geom]))
+            center, rotation = self.data.geom_xpos[geom], self.data.geom_xmat[geom].reshape(3, 3)
+            if kind == kinds.mjGEOM_BOX or kind == kinds.mjGEOM_ELLIPSOID:
+                shape: dict[str, Any] = {"shape": "box", "size": [2 * value for value in size]}
+            elif kind == kinds.mjGEOM_CYLINDER:
+                shape = {"shape": "cylinder", "radius": size[0], "height": 2 * size[1]}
+            elif kind == kinds.mjGEOM_CAPSULE or kind == kinds.mjGEOM_SPHERE:
+                long = 2 * size[1] if kind == kinds.mjGEOM_CAPSULE else POINT
+                shape = {"shape": "bar", "radius": size[0], "length": long}
+                rotation = rotation[:, [2, 0, 1]]  # x along z
+            elif kind == kinds.mjGEOM_MESH:
+                mesh = self.mesh(int(self.model.geom_dataid[geom]))
+                shape = {"shape": "mesh", "file": str(mesh.file), "scale": mesh.scale}
+                center, rotation = center + rotation @ mesh.position, rotation @ mesh.rotation
+            else:
+                self.notes.append(f"'{self._name(geom)}' has a shape that no payload has: it is left out")
+                continue
+            pose = {
+                "position": _rounded(turn.T @ (center - place)),
+                "quaternion_wxyz": _unit(turn.T @ rotation),
+            }
+            found.append(shape | pose)
         return found
 
     def payloads(self) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from comove.arrays import Array, first_least
-from comove.errors import TaskError, near_name
+from comove.errors import TaskError
 from comove.geometry.rotations import matrices
 from comove.tasks.world import Body
 
@@ -49,20 +49,15 @@ class Grasp:
     flip: bool = False
 
     def __post_init__(self) -> None:
-        sites = self.body.sites
-        if self.site is not None and self.site not in sites:
-            raise TaskError(
-                f"'{self.body.name}' has no site '{self.site}'",
-                key="site",
-                way_out=near_name(self.site, sites) if sites else "give a position in the body's frame",
-            )
+        if self.site is not None:
+            self.body.site(self.site)
         self._directions()
 
     @property
     def place(self) -> Array:
         """Return the place in the body's frame; array, shape (3,) [m]."""
         if self.site is not None:
-            return np.array(self.body.sites[self.site])[:3, 3]
+            return self.body.site(self.site)[:3, 3]
         return np.zeros(3) if self.position is None else np.array(self.position, dtype=float)
 
     def ways(self, n_most: int) -> list[dict[str, Any]]:

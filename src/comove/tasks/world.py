@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from comove.arrays import Array
 from comove.errors import TaskError, near_name
 from comove.geometry.rotations import matrices
 from comove.robots.model import Robot
+
+if TYPE_CHECKING:
+    from comove.tasks.mujoco_world import MujocoWorld
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +41,19 @@ class Body:
     def at(self, pose: Array) -> Body:
         """Return the body at another pose, array, shape (4, 4) [m]."""
         return replace(self, pose=pose)
+
+    def site(self, name: str) -> Array:
+        """Return a site's pose in the body's frame; array, shape (4, 4) [m].
+
+        Raises
+        ------
+        TaskError
+            If the body has none of that name.
+        """
+        if name in self.sites:
+            return self.sites[name]
+        way_out = near_name(name, self.sites) if self.sites else "give a position in the body's frame"
+        raise TaskError(f"the body '{self.name}' has no site '{name}'", key="site", way_out=way_out)
 
     @cached_property
     def corners(self) -> Array:
@@ -73,6 +89,13 @@ class World:
     bodies: Mapping[str, Body] = field(default_factory=dict)
     clearance: float = 0.005
     folder: Path = Path()
+
+    @staticmethod
+    def from_mujoco(model: Any, data: Any = None, **options: Any) -> MujocoWorld:
+        """Read a MuJoCo model in its present state; see `MujocoWorld.read`."""
+        from comove.tasks.mujoco_world import MujocoWorld
+
+        return MujocoWorld.read(model, data, **options)
 
     def body(self, name: str) -> Body:
         """Return a movable body by its name.
