@@ -184,7 +184,7 @@ def _require_bounded(file: Path) -> None:
 
 
 class MeshFiles:
-    """Meshes of a compiled model as binary STL, named when they are asked for.
+    """Meshes of a compiled model as binary STL, named when used.
 
     `files` has their contents by name.
     """

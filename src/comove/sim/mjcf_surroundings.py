@@ -109,7 +109,7 @@ class ModelSurroundings:
         return found
 
     def parts(self, root: int) -> list[dict[str, Any]]:
-        """Return a free tree as the parts of a scene's payload, in the frame of its root.
+        """Return a free tree as a payload's parts, in its root's frame.
 
         Capsules and spheres become bars, and an ellipsoid the box around it.
         """

@@ -158,7 +158,7 @@ def _geoms(model: Any, bodies: Iterable[int]) -> list[int]:
 
 
 class _Stage:
-    """A copy of the model in which only the fingers move and touch."""
+    """A copy of the model in which only fingers move and touch."""
 
     def __init__(self, mj: Any, model: Any, now: Array, hand: Hand, actuators: Sequence[int]):
         self.mj, self.model, self.actuators = mj, copy.copy(model), list(actuators)
@@ -238,7 +238,7 @@ class _Shape:
         roots: Sequence[int],
         poses: Sequence[_Pose],
     ) -> _Shape:
-        """Find the pads and directions where the middles of both sides are farthest apart."""
+        """Find pads and directions, where both sides are farthest apart."""
         ends = [_seen(pose.data, hand.palm, pose.data.geom_xpos) for pose in poses]
         apart = [at[sides[0]].mean(axis=0) - at[sides[1]].mean(axis=0) for at in ends]
         order = np.argsort([np.linalg.norm(one) for one in apart])
@@ -261,7 +261,7 @@ class _Shape:
         return float(self.mj.mj_geomDistance(self.model, data, *self.pads, 1.0, None))
 
     def aside(self, data: Any, other: Any) -> float:
-        """Return how far the middles of the pads of two states are apart across the palm [m]."""
+        """Return how far pads of two states are apart across the palm [m]."""
         middles = [
             _seen(state, self.palm, state.geom_xpos)[list(self.pads)].mean(axis=0) for state in (data, other)
         ]
@@ -289,7 +289,7 @@ def _seen(data: Any, palm: int, points: Array) -> Array:
 
 
 def _points(mj: Any, model: Any, data: Any, palm: int, geom: int) -> Array:
-    """Return a mesh's vertices, or the corners of a geom's box, in the palm; array, shape (n, 3) [m]."""
+    """Return a geom's vertices or corners in the palm; array, shape (n, 3) [m]."""
     if int(model.geom_type[geom]) == int(mj.mjtGeom.mjGEOM_MESH):
         mesh = int(model.geom_dataid[geom])
         first = int(model.mesh_vertadr[mesh])
@@ -303,7 +303,7 @@ def _points(mj: Any, model: Any, data: Any, palm: int, geom: int) -> Array:
 def _pad(
     mj: Any, model: Any, data: Any, palm: int, side: Sequence[int], approach: Array, inwards: Array
 ) -> int:
-    """Return the smallest of the innermost geoms at the fingertips of a side."""
+    """Return the smallest of the innermost geoms at fingertips of a side."""
     points = {geom: _points(mj, model, data, palm, geom) for geom in side}
     reach = {geom: float((one @ approach).max()) for geom, one in points.items()}
     begin, end = min(float((one @ approach).min()) for one in points.values()), max(reach.values())
@@ -314,7 +314,7 @@ def _pad(
 
 
 def _aligned(direction: Array) -> Array:
-    """Return a unit direction, that of an axis where it is nearly one."""
+    """Return a unit direction, or the axis that it nearly is."""
     unit = direction / np.linalg.norm(direction)
     axis = int(np.abs(unit).argmax())
     if abs(unit[axis]) >= np.cos(np.deg2rad(SETTINGS.aligned)):

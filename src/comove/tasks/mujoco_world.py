@@ -179,7 +179,7 @@ def _raw(mj: Any, model: Any, data: Any) -> tuple[Any, Any]:
 
 
 def _held(thing: Any, places: tuple[str, ...]) -> Any:
-    """Return what an object holds at the first of some places, or itself."""
+    """Return what an object holds at one of some places, or itself."""
     return next((getattr(thing, place) for place in places if hasattr(thing, place)), thing)
 
 

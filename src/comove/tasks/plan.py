@@ -95,7 +95,7 @@ class TaskPlan:
         return curve(now)[0], curve(now, 1)[0], curve(now, 2)[0]
 
     def _part_at(self, time: float) -> tuple[int, float]:
-        """Return the number of the part at an instant, and the instant in it [s]."""
+        """Return the part at an instant, and the instant in it [s]."""
         time = float(np.clip(time, 0.0, self.duration))
         number = min(bisect_right(self._begins.tolist(), time) - 1, len(self.parts) - 1)
         return number, time - float(self._begins[number])

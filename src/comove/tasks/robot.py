@@ -63,7 +63,7 @@ class Rates:
 def folder_of(
     mj: Any, model: Any, roots: frozenset[int], converted: Converted, meshes: Mapping[str, bytes]
 ) -> Path:
-    """Return the cache's folder of a model with its URDF and meshes, which are written where missing.
+    """Return the cache's folder of a model, with URDF and meshes.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _words(name: str) -> list[str]:
 def grippers_of(
     mj: Any, model: Any, now: Array, arms: Mapping[str, Chain], joints: Mapping[str, int], folder: Path
 ) -> dict[str, tuple[Gripper, Array]]:
-    """Return the grippers and their grasp frames by arm, as far as they are known from the cache.
+    """Return grippers and their grasp frames by arm, from the cache if there.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def robot_now(
     rates: Rates,
     folder: Path,
 ) -> Robot:
-    """Return the robot with its arms' home where they are now, and open grippers.
+    """Return the robot at home where it is now, with open grippers.
 
     Links of one arm, or of its base, that touch each other so need not be kept apart.
 
@@ -284,7 +284,7 @@ def _placement(pose: Array) -> dict[str, list[float]]:
 
 
 def _wider(joint: Joint, value: float) -> dict[str, float]:
-    """Return limits of a joint that stays, so that they contain its value. Servos and soft stops exceed them."""
+    """Return limits of a still joint that contain its value. Servos and soft stops exceed them."""
     lower, upper = joint.bounds
     return ({"lower": value} if value < lower else {}) | ({"upper": value} if value > upper else {})
 
@@ -326,7 +326,9 @@ def _robot(text: str, folder: Path) -> Robot:
 
 
 def _touching(robot: Robot, q: Array) -> set[tuple[str, str]]:
-    """Return pairs of links that touch, or nearly with few joints between them; none of different arms.
+    """Return pairs of links of one arm that touch, or nearly.
+
+    Nearly is within the clearance at home, with few joints between them.
 
     Parameters
     ----------
