@@ -261,7 +261,7 @@ class _Shape:
         return float(self.mj.mj_geomDistance(self.model, data, *self.pads, 1.0, None))
 
     def aside(self, data: Any, other: Any) -> float:
-        """Return how far pads of two states are apart across the palm [m]."""
+        """Return how far pads of two states are apart across [m]."""
         middles = [
             _seen(state, self.palm, state.geom_xpos)[list(self.pads)].mean(axis=0) for state in (data, other)
         ]
