@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from comove.arrays import Array
+from comove.sim.engine import without_log
 from comove.sim.mjcf_actuators import driven
 
 
@@ -189,11 +190,12 @@ class _Stage:
         data.ctrl[self.actuators] = commands
         stays, (positions, speeds) = data.qpos.copy(), self.still
         step, rested, path = float(model.opt.timestep), 0, [stays]
-        while len(path) * step < SETTINGS.longest and rested * step < SETTINGS.resting:
-            mj.mj_step(model, data)
-            data.qpos[positions], data.qvel[speeds] = stays[positions], 0.0
-            rested = rested + 1 if np.abs(data.qvel[self.speeds]).max() < SETTINGS.still else 0
-            path.append(data.qpos.copy())
+        with without_log():
+            while len(path) * step < SETTINGS.longest and rested * step < SETTINGS.resting:
+                mj.mj_step(model, data)
+                data.qpos[positions], data.qvel[speeds] = stays[positions], 0.0
+                rested = rested + 1 if np.abs(data.qvel[self.speeds]).max() < SETTINGS.still else 0
+                path.append(data.qpos.copy())
         mj.mj_forward(model, data)
         left = np.linalg.norm(np.array(path) - path[-1], axis=1)
         return _Pose(tuple(map(float, commands)), data, step * int((left > SETTINGS.left * left[0]).sum()))
@@ -261,7 +263,7 @@ class _Shape:
         return float(self.mj.mj_geomDistance(self.model, data, *self.pads, 1.0, None))
 
     def aside(self, data: Any, other: Any) -> float:
-        """Return how far pads are apart across the palm in two states."""
+        """Return how far pads of two states are apart across [m]."""
         middles = [
             _seen(state, self.palm, state.geom_xpos)[list(self.pads)].mean(axis=0) for state in (data, other)
         ]

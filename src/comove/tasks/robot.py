@@ -174,7 +174,7 @@ def _words(name: str) -> list[str]:
 def grippers_of(
     mj: Any, model: Any, now: Array, arms: Mapping[str, Chain], joints: Mapping[str, int], folder: Path
 ) -> dict[str, tuple[Gripper, Array]]:
-    """Return grippers and their grasp frames by arm, cached ones if any.
+    """Return grippers and grasp frames by arm, from the cache if there.
 
     Parameters
     ----------
