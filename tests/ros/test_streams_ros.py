@@ -98,7 +98,7 @@ def test_a_bridge_that_wakes_does_not_jump(ros, known, sink, tmp_path):
         said, _ = process.communicate(timeout=90)
         rows = rows_of(sink)
     assert process.returncode == 0, said
-    assert "the bridge was late" in said
+    assert "the arms braked" in said and " late" in said  # as the bridge says, or comove before it wakes
     fastest = np.abs(plan.joints.curve(np.linspace(0.0, plan.joints.duration, 2000), 1)).max()
     for r in rows.values():
         for since in (5, 20):  # commands
