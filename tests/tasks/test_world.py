@@ -296,6 +296,19 @@ def test_bodies_are_what_moves_freely(seen):
     assert (world.folder / wedge["file"]).is_file()
 
 
+@pytest.mark.parametrize("depth", [0.0, 4e-4, 1.5e-3])
+def test_a_body_that_has_sunk_into_the_table_stands_on_it(seen, depth):
+    """As bodies sink in simulators. What floats is where it is."""
+    data, where = engine().MjData(seen.model), seen.model.jnt_qposadr[seen.model.body("pot").jntadr[0]] + 2
+    data.qpos[:] = seen.data.qpos
+    data.qpos[where] += seen.world.top_of("board") - seen.world.body("pot").lowest - depth
+    pot = World.from_mujoco(seen.model, data).body("pot")
+    assert pot.lowest == pytest.approx(seen.world.top_of("board"), abs=1e-6)
+    data.qpos[where] += 0.1
+    floating = World.from_mujoco(seen.model, data)
+    assert floating.body("pot").pose[2, 3] == pytest.approx(data.qpos[where], abs=1e-12)
+
+
 def test_a_scene_takes_what_a_world_holds(seen):
     """Obstacles and parts are written as scenes have them, and paths are relative to the world's folder."""
     world = seen.world

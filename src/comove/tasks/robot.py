@@ -39,7 +39,7 @@ from comove.tasks.grippers import Gripper, Hand, gripper_of
 URDF = "robot.urdf"
 CLOSE = 2
 """Joints between two links of an arm, at most, that need not keep the clearance which they do not have now."""
-WITHIN = 0.02
+WITHIN = 0.05
 """How far a joint may be beyond its limits, which are soft in MuJoCo [rad, m]."""
 SIDES = ("left", "right")
 PHYSICS = ("actuator_", "dof_", "eq_", "jnt_", "tendon_", "wrap_")
