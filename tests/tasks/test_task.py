@@ -370,3 +370,34 @@ def test_set_down_needs_a_level_box(robot):
     approached(task, body)
     task.close()
     assert "no level box" in refused(lambda: task.set_down(body, "table", [0.8, 0.0]))
+
+
+def test_grasps_are_of_bodies_where_they_are_then(robot):
+    """From above is from above also where the body was turned on the way."""
+    body = board()
+    task = task_of(robot, body)
+    task.approach(left=Grasp(body, "left", **TILTED))
+    task.close()
+    turned = pose(0.7, 0.0, 0.5, Rotation.from_euler("y", 180, degrees=True))
+    task.carry(body, to=turned)
+    task.hand_over(body, right=Grasp(body, "right", along=[0.0, 1.0, 0.0]))
+    (way,) = task.stages[-1].grasps["right"].ways(1)
+    np.testing.assert_allclose(turned[:3, :3] @ way["approach"], [0.0, 0.0, -1.0], atol=1e-12)
+
+
+def test_a_body_that_has_sunk_a_little_is_lifted_out(robot):
+    body = board()
+    deep = body.at(pose(0.6, 0.0, 0.0592))
+    task = task_of(robot, deep)
+    approached(task, deep)
+    task.close()
+    task.carry(deep, shift=[0.0, 0.0, 0.2])
+    plan = task.solve(budget=10.0)
+    start = plan.parts[1].solution.scene.file.load.start
+    assert start.position[2] == pytest.approx(0.06, abs=1e-6)
+    deeper = body.at(pose(0.6, 0.0, 0.05))
+    task = task_of(robot, deeper)
+    approached(task, deeper)
+    task.close()
+    task.carry(deeper, shift=[0.0, 0.0, 0.2])
+    assert "m deep in table" in refused(lambda: task.solve(budget=5.0))

@@ -27,6 +27,7 @@ from comove.tasks.plan import TaskPart, TaskPlan
 from comove.tasks.stages import Leg, Stage
 from comove.tasks.world import Body, World
 
+SUNK = 2e-3  # m, of a body in what it rests on, that is lifted out
 AROUND = 1.0  # m, of the workspace around everything that is carried
 
 Ways = list[dict[str, dict[str, Any]]]
@@ -168,7 +169,7 @@ class _Planner:
         body = self.stage.body
         around = np.stack([start[:3, 3], leg.goal[:3, 3]])
         reach = AROUND + body.radius
-        data = {
+        data: dict[str, Any] = {
             "version": 2,
             "name": body.name,
             "workspace": {
@@ -189,7 +190,22 @@ class _Planner:
             data["duration"] = leg.time
         if leg.upright_deg is not None:
             data["constraints"] = [{"type": "upright", "tolerance_deg": leg.upright_deg}]
+        if (sunk := self._sunk(data)) > 0.0:
+            data["payload"]["start"]["position"][2] += sunk
         return Scene.from_dict(data, folder=self.world.folder)
+
+    def _sunk(self, data: dict[str, Any]) -> float:
+        """Return how deep the body is in its supports at the start [m].
+
+        It is 0 beyond a tolerance. Prisms that hold its cylinders are larger than these.
+        """
+        supports = [k for k, obstacle in enumerate(data["obstacles"]) if obstacle.get("support")]
+        if not supports:
+            return 0.0
+        bodies = [{k: v for k, v in one.items() if k != "support"} for one in data["obstacles"]]
+        scene = Scene.from_dict({**data, "obstacles": bodies}, folder=self.world.folder, check_ends=False)
+        depth = -scene.nearest_at(scene.nodes_at("start"), 0.0, supports)[0]
+        return depth if depth < SUNK else 0.0
 
     def _held(self, solution: Solution, start: Array) -> dict[str, dict[str, Any]]:
         """Return the grasps of a solution whose body starts at a pose."""

@@ -18,7 +18,7 @@ for command in plan.stream(rate=20): ...
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -74,7 +74,7 @@ class Task:
             "let the arms carry one after the other",
         )
         body = next(iter(grasps.values())).body
-        self.stages.append(Stage(body.at(self.pose_of(body)), grasps))
+        self.stages.append(Stage(body.at(self.pose_of(body)), self._now(grasps)))
 
     def close(self, time: float = 1.0) -> None:
         """Close the grippers of the approach, in a time [s].
@@ -199,7 +199,8 @@ class Task:
             other == body.name, "hand_over", f"a grasp is of '{other}'", f"give grasps of '{body.name}'"
         )
         time = _positive("hand_over", time)
-        self.stages.append(Stage(body.at(self.pose_of(body)), grasps, close_time=time, takes_over=True))
+        stage = Stage(body.at(self.pose_of(body)), self._now(grasps), close_time=time, takes_over=True)
+        self.stages.append(stage)
 
     def open(self, time: float = 1.0) -> None:
         """Open the grippers that hold something, in a time [s]. The body stays where it is.
@@ -255,6 +256,13 @@ class Task:
         return (
             bool(self.stages) and self.stages[-1].close_time is not None and self.stages[-1].open_time is None
         )
+
+    def _now(self, grasps: Mapping[str, Grasp]) -> dict[str, Grasp]:
+        """Return grasps of a body where it is now."""
+        return {
+            name: replace(grasp, body=grasp.body.at(self.pose_of(grasp.body)))
+            for name, grasp in grasps.items()
+        }
 
     def _require_grasps(self, phase: str, grasps: Mapping[str, Grasp]) -> None:
         arms = {arm.name for arm in self.world.robot.arms}
