@@ -195,7 +195,7 @@ class _Planner:
         return Scene.from_dict(data, folder=self.world.folder)
 
     def _sunk(self, data: dict[str, Any]) -> float:
-        """Return how deep the body is in its supports at the start [m].
+        """Return how deep the body is in its supports at first [m].
 
         It is 0 beyond a tolerance. Prisms that hold its cylinders are larger than these.
         """
