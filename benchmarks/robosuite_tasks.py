@@ -1,12 +1,13 @@
-"""robosuite's TwoArmLift as a task: the pot is lifted by two arms, through the environment's own controllers.
+"""Tasks of robosuite for two arms, planned by comove and played through the environments' own controllers.
 
-    python benchmarks/two_arm_lift.py                                  # two Pandas opposed, 20 seeds
-    python benchmarks/two_arm_lift.py panda-parallel ur5e iiwa sawyer baxter panda+ur5e --seeds 20
+    python benchmarks/robosuite_tasks.py                                  # TwoArmLift, two Pandas opposed, 20 seeds
+    python benchmarks/robosuite_tasks.py panda-parallel ur5e iiwa sawyer baxter panda+ur5e --seeds 20
+    python benchmarks/robosuite_tasks.py --task handover
 
 Needs robosuite (1.5) with a MuJoCo from 3.4 to 3.7: with 3.8 its Robotiq grippers do not close, with 3.12 it does not
 run. Columns: success as `env._check_success()` says at the end; seeds planned, all of them verified; median of the
 processor time of reading the world, and of planning; largest difference of the joints from their commands; reasons
-why others were not planned, or not lifted though they were.
+why others were not planned, or failed though they were.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from timing import number, print_table
 
 from comove.errors import ComoveError
-from comove.tasks import Grasp, Task, TaskPlan, World
+from comove.tasks import Grasp, Task, World
 
 ROBOTS = {
     "panda": ["Panda", "Panda"],
@@ -35,8 +36,8 @@ RATE, LIFT, STIFFNESS = 20, 0.2, 1000.0  # Hz, m, 1/s^2 of the environment's joi
 SETTLING, HOLDING = 15, 10  # control steps with open grippers before the task, and after it
 
 
-def environment(name: str, seed: int):
-    """Return robosuite's environment with controllers of absolute joint positions."""
+def environment(task: str, name: str, seed: int):
+    """Return robosuite's environment of a task with controllers of absolute joint positions."""
     import robosuite
     from robosuite.controllers import load_composite_controller_config
 
@@ -53,7 +54,7 @@ def environment(name: str, seed: int):
         configs.append(config)
     one = len(robots) == 1
     env = robosuite.make(
-        "TwoArmLift",
+        task,
         robots=robots[0] if one else robots,
         controller_configs=configs[0] if one else configs,
         has_renderer=False,
@@ -69,8 +70,8 @@ def environment(name: str, seed: int):
     return env
 
 
-def planned(world: World, seed: int) -> TaskPlan:
-    """Return the plan of the task: what a user writes."""
+def lift(world: World) -> Task:
+    """Return the task of lifting the pot: what a user writes."""
     pot = world.body("pot_root")
     held = {"tilt_deg": (-40.0, 40.0), "flip": True}
     hands = [world.robot.tool_pose(world.robot.home, arm)[:2, 3] for arm in world.robot.arms]
@@ -83,7 +84,27 @@ def planned(world: World, seed: int) -> TaskPlan:
     )
     task.close(time=1.0)
     task.carry(pot, shift=[0.0, 0.0, LIFT], upright=True, time=4.0)
-    return task.solve(budget=20.0, seed=seed)
+    return task
+
+
+def handover(world: World) -> Task:
+    """Return the task of handing the hammer over, whose handle is along z, with the head at the end."""
+    hammer = world.body("hammer_root")
+    side = np.sign(hammer.pose[2, 1])  # what was up stays up
+    between = np.eye(4)
+    between[:3, :3] = np.column_stack([[side, 0.0, 0.0], [0.0, 0.0, side], [0.0, -1.0, 0.0]])
+    between[:3, 3] = 0.0, -0.02, 1.02
+    held = {"along": [0.0, 0.0, 1.0], "tilt_deg": (-60.0, 60.0), "flip": True}
+    task = Task(world)
+    task.approach(robot0=Grasp(hammer, position=[0.0, 0.0, 0.05], **held))
+    task.close(time=1.0)
+    task.carry(hammer, to=between)
+    task.hand_over(hammer, robot1=Grasp(hammer, position=[0.0, 0.0, -0.06], **held))
+    task.carry(hammer, shift=[0.0, 0.1, 0.05])
+    return task
+
+
+TASKS = {"lift": ("TwoArmLift", lift), "handover": ("TwoArmHandover", handover)}
 
 
 def actions(env, world: World):
@@ -112,19 +133,21 @@ def actions(env, world: World):
     return action
 
 
-def lifted(name: str, seed: int) -> tuple[bool, float, float, float, str]:
+def run(task: str, name: str, seed: int) -> tuple[bool, float, float, float, str]:
     """Run a seed; return success, times of reading and planning [s], largest lag [rad], and what went wrong."""
-    env = environment(name, seed)
+    environment_of, task_in = TASKS[task]
+    env = environment(environment_of, name, seed)
     begun = time.process_time()
     world = World.from_mujoco(env.sim)
     opened = {arm.name: False for arm in world.robot.arms}
     action = actions(env, world)
     for _ in range(SETTLING):
         env.step(action(world.robot.home, opened))
-    world = World.from_mujoco(env.sim)
     read = time.process_time() - begun
     try:
-        plan = planned(world, seed)
+        world = World.from_mujoco(env.sim)
+        read = time.process_time() - begun
+        plan = task_in(world).solve(budget=30.0, seed=seed)
     except ComoveError as error:
         return False, read, np.nan, np.nan, str(error)
     took, lag = time.process_time() - begun - read, 0.0
@@ -144,13 +167,14 @@ def lifted(name: str, seed: int) -> tuple[bool, float, float, float, str]:
     for _ in range(HOLDING):
         env.step(action(plan.derivatives(plan.duration)[0], dict(command.closed)))
     success = bool(env._check_success())
-    return success, read, took, lag, "" if success else "planned, not lifted"
+    return success, read, took, lag, "" if success else "planned, and failed"
 
 
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("robots", nargs="*", default=["panda"])
+    parser.add_argument("--task", choices=TASKS, default="lift")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=1000, help="first seed")
     options = parser.parse_args()
@@ -158,22 +182,22 @@ def main() -> None:
     for name in options.robots:
         runs = []
         for seed in range(options.first, options.first + options.seeds):
-            runs.append(lifted(name, seed))
+            runs.append(run(options.task, name, seed))
             print(name, seed, *runs[-1], flush=True)
-        told = Counter(run[4][:60] for run in runs if run[4])
-        done = [run for run in runs if np.isfinite(run[2])]
+        told = Counter(one[4][:60].splitlines()[0] for one in runs if one[4])
+        done = [one for one in runs if np.isfinite(one[2])]
         rows.append(
             [
                 name,
-                f"{sum(run[0] for run in runs)} of {len(runs)}",
+                f"{sum(one[0] for one in runs)} of {len(runs)}",
                 str(len(done)),
-                number(median(run[1] for run in runs)),
-                number(median(run[2] for run in done)) if done else "",
-                number(max(run[3] for run in done)) if done else "",
+                number(median(one[1] for one in runs)),
+                number(median(one[2] for one in done)) if done else "",
+                number(max(one[3] for one in done)) if done else "",
                 "; ".join(f"{n} x {why}" for why, n in told.most_common(2)),
             ]
         )
-    print_table(["robots", "lifted", "planned", "read [s]", "plan [s]", "lag [rad]", "else"], rows)
+    print_table(["robots", "success", "planned", "read [s]", "plan [s]", "lag [rad]", "else"], rows)
 
 
 if __name__ == "__main__":
