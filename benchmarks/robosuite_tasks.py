@@ -96,7 +96,7 @@ def handover(world: World) -> Task:
     between[:3, 3] = 0.0, -0.02, 1.02
     held = {"along": [0.0, 0.0, 1.0], "tilt_deg": (-60.0, 60.0), "flip": True}
     task = Task(world)
-    task.approach(robot0=Grasp(hammer, position=[0.0, 0.0, 0.05], **held))
+    task.approach(robot0=Grasp(hammer, position=[0.0, side * 0.008, 0.05], **held))  # off the table
     task.close(time=1.0)
     task.carry(hammer, to=between)
     task.hand_over(hammer, robot1=Grasp(hammer, position=[0.0, 0.0, -0.06], **held))
