@@ -145,10 +145,12 @@ class TaskError(InputError):
 
     Examples
     --------
-    >>> from comove.tasks import Grasp
-    >>> Grasp(pot, site="spout")  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from comove.tasks import Body, Grasp
+    >>> cup = Body("cup", ({"shape": "box", "size": [0.1, 0.1, 0.1]},), 0.2, np.eye(4))
+    >>> Grasp(cup, site="handle")
     Traceback (most recent call last):
-    comove.errors.TaskError: site: 'pot' has no site 'spout'; give a position in the body's frame
+    comove.errors.TaskError: site: the body 'cup' has no site 'handle'; give a position in the body's frame
     """
 
 

@@ -146,7 +146,7 @@ PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 """
 LOOPBACK = "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>"
 SOONER = """<builtin><discovery_config>
-<leaseDuration><sec>1</sec></leaseDuration><leaseAnnouncement><sec>0</sec><nanosec>250000000</nanosec></leaseAnnouncement>
+<leaseDuration><sec>2</sec></leaseDuration><leaseAnnouncement><sec>0</sec><nanosec>250000000</nanosec></leaseAnnouncement>
 <initialAnnouncements><count>10</count><period><sec>0</sec><nanosec>50000000</nanosec></period></initialAnnouncements>
 </discovery_config></builtin>
 """

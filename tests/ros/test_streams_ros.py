@@ -11,6 +11,7 @@ import pytest
 from comove import Scene
 from comove.control import Observed
 from comove.errors import SendError
+from comove.planning.seeds import minimum_jerk
 from comove.robots import Robot
 from comove.ros.online import await_obstacles, moving_names
 from comove.ros.streams import CommandStream, StreamNames, StreamSettings
@@ -62,7 +63,7 @@ def test_a_run_arrives(ros, known, tmp_path, around):
         standing(ros, plan, around=around),
         running(ros, scene, folder, tmp_path / "run", ["--obstacles", OBSTACLES]) as process,
     ):
-        said, _ = process.communicate(timeout=90)
+        said, _ = process.communicate(timeout=240)
     assert process.returncode == 0, said
     summary = json.loads((tmp_path / "run" / "robot_run.json").read_text())
     assert summary["arrived"] and summary["executed"] == "ros2" and summary["obstacles"] == "measured"
@@ -95,7 +96,7 @@ def test_a_bridge_that_wakes_does_not_jump(ros, known, sink, tmp_path):
         os.kill(bridge, signal.SIGSTOP)
         time.sleep(0.3)
         os.kill(bridge, signal.SIGCONT)
-        said, _ = process.communicate(timeout=90)
+        said, _ = process.communicate(timeout=240)
         rows = rows_of(sink)
     assert process.returncode == 0, said
     assert "the arms braked" in said and " late" in said  # as the bridge says, or comove before it wakes
@@ -116,8 +117,8 @@ def test_a_controller_has_its_own_order_of_joints(ros, known, tmp_path):
             stream.begin(stream.position)
             here = stream.position
             wanted = here + 1e-3 * np.arange(len(here))
-            for number in range(50):
-                stream.follow(0, number, here + (number + 1) / 50 * (wanted - here))
+            for number, share in enumerate(minimum_jerk(np.linspace(0.0, 1.0, 51))[1:]):  # it ends at rest
+                stream.follow(0, number, here + share * (wanted - here))
             until = time.monotonic() + 5.0
             while np.abs(stream.position - wanted).max() > 1e-4 and time.monotonic() < until:
                 stream.news(0.05)
