@@ -6,8 +6,8 @@
 
 Needs robosuite (1.5) with a MuJoCo from 3.4 to 3.7: with 3.8 its Robotiq grippers do not close, with 3.12 it does not
 run. Columns: success as `env._check_success()` says at the end; seeds planned, all of them verified; median of the
-processor time of reading the world, and of planning; largest difference of the joints from their commands; reasons
-why others were not planned, or failed though they were.
+processor time of reading the world, whose robot is known by then, and of planning; largest difference of the joints
+from their commands; reasons why others were not planned, or failed though they were.
 """
 
 from __future__ import annotations
@@ -137,13 +137,13 @@ def run(task: str, name: str, seed: int) -> tuple[bool, float, float, float, str
     """Run a seed; return success, times of reading and planning [s], largest lag [rad], and what went wrong."""
     environment_of, task_in = TASKS[task]
     env = environment(environment_of, name, seed)
-    begun = time.process_time()
     world = World.from_mujoco(env.sim)
     opened = {arm.name: False for arm in world.robot.arms}
     action = actions(env, world)
     for _ in range(SETTLING):
         env.step(action(world.robot.home, opened))
-    read = time.process_time() - begun
+    begun = time.process_time()
+    read = np.nan
     try:
         world = World.from_mujoco(env.sim)
         read = time.process_time() - begun
@@ -191,7 +191,7 @@ def main() -> None:
                 name,
                 f"{sum(one[0] for one in runs)} of {len(runs)}",
                 str(len(done)),
-                number(median(one[1] for one in runs)),
+                number(float(np.nanmedian([one[1] for one in runs]))),
                 number(median(one[2] for one in done)) if done else "",
                 number(max(one[3] for one in done)) if done else "",
                 "; ".join(f"{n} x {why}" for why, n in told.most_common(2)),

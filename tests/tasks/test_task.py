@@ -299,6 +299,11 @@ def test_what_fingers_hold_is_guessed_from_the_nearest_part():
         ({"along": [0.0, 0.0, 0.0]}, "no direction", "not all 0"),
         ({"along": [1.0, np.nan, 0.0]}, "no direction", "three numbers"),
         ({"approach": [1.0]}, "no direction", "three numbers"),
+        ({"along": "x"}, "no direction", "three numbers"),
+        ({"position": [0.0, 0.1]}, "the position is", "three numbers"),
+        ({"position": "top"}, "the position is", "three numbers"),
+        ({"tilt_deg": (40.0, -40.0)}, "the tilt is", "least and largest"),
+        ({"tilt_deg": 40.0}, "the tilt is", "least and largest"),
     ],
 )
 def test_grasps_that_cannot_be(grasp, words, advice):
@@ -357,6 +362,49 @@ def test_phases_that_contradict_each_other(robot):
         task.world.body("boards")
 
 
+@pytest.mark.parametrize("upright", [0.0, -1.0, np.nan, 180.0, "yes"])
+def test_how_upright_must_be_a_tolerance(robot, upright):
+    body = board()
+    task = task_of(robot, body)
+    approached(task, body)
+    task.close()
+    assert "tolerance below 180" in refused(lambda: task.carry(body, shift=[0, 0, 0.1], upright=upright))
+    for at in ([0.8], [0.8, 0.0, 0.0], "table", [np.nan, 0.0]):
+        assert "give x and y" in refused(lambda at=at: task.set_down(body, "table", at))
+    for to in ("there", np.eye(3), [[1.0]]):
+        assert "no pose" in refused(lambda to=to: task.carry(body, to=to))
+    assert task.stages[0].legs == []  # nothing of it was taken
+
+
+def test_a_body_of_another_world_is_not_approached(robot):
+    task = task_of(robot, board())
+    assert "no body 'other'" in refused(lambda: approached(task, board("other")))
+
+
+@pytest.mark.slow
+def test_a_shelf_on_which_a_body_was_set_down_carries_it(robot):
+    """Though nothing rests on it at first."""
+    shelf = {"name": "shelf", "shape": "box", "center": [1.0, 0.0, 0.1], "size": [0.1, 1.0, 0.02]}
+    body = board()
+    task = Task(World(robot, (TABLE, shelf), {body.name: body}))
+    approached(task, body)
+    task.close()
+    task.carry(body, shift=[0.1, 0.0, 0.3])
+    task.set_down(body, "shelf", [1.0, 0.0])
+    task.open()
+    task.retreat()
+    approached(task, body)
+    task.close()
+    task.carry(body, shift=[-0.1, 0.0, 0.2])
+    plan = task.solve(budget=40.0)
+    rests = [
+        {one.name for one in part.solution.scene.file.obstacles if getattr(one, "support", False)}
+        for part in plan.parts
+        if part.phases == ("carry",)
+    ]
+    assert rests == [{"table"}, {"shelf"}, {"shelf"}]
+
+
 def test_an_approach_alone_is_no_task(robot):
     task = task_of(robot, board())
     approached(task, board())
@@ -392,9 +440,14 @@ def test_a_body_that_has_sunk_a_little_is_lifted_out(robot):
     approached(task, deep)
     task.close()
     task.carry(deep, shift=[0.0, 0.0, 0.2])
+    task.carry(deep, shift=[0.05, 0.0, 0.0])
     plan = task.solve(budget=10.0)
     start = plan.parts[1].solution.scene.file.load.start
     assert start.position[2] == pytest.approx(0.06, abs=1e-6)
+    first, last = plan.parts[1].motion.position[0], plan.parts[2].motion.position[-1]
+    for arm in robot.arms:  # it is held as it is lifted out, to the end
+        end = robot.tool_pose(last, arm) @ np.linalg.inv(robot.tool_pose(first, arm)) @ pose(0.6, 0.0, 0.06)
+        np.testing.assert_allclose(end, task.pose_of(deep), atol=1e-5)
     deeper = body.at(pose(0.6, 0.0, 0.05))
     task = task_of(robot, deeper)
     approached(task, deeper)

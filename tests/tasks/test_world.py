@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comove.errors import RobotError, TaskError
+from comove.geometry.triangles import triangles_of
 from comove.model import Scene
 from comove.robots.proposal.bodies import pairs_of, touching
 from comove.sim.engine import engine
@@ -296,17 +297,37 @@ def test_bodies_are_what_moves_freely(seen):
     assert (world.folder / wedge["file"]).is_file()
 
 
-@pytest.mark.parametrize("depth", [0.0, 4e-4, 1.5e-3])
-def test_a_body_that_has_sunk_into_the_table_stands_on_it(seen, depth):
-    """As bodies sink in simulators. What floats is where it is."""
-    data, where = engine().MjData(seen.model), seen.model.jnt_qposadr[seen.model.body("pot").jntadr[0]] + 2
-    data.qpos[:] = seen.data.qpos
-    data.qpos[where] += seen.world.top_of("board") - seen.world.body("pot").lowest - depth
-    pot = World.from_mujoco(seen.model, data).body("pot")
-    assert pot.lowest == pytest.approx(seen.world.top_of("board"), abs=1e-6)
-    data.qpos[where] += 0.1
-    floating = World.from_mujoco(seen.model, data)
-    assert floating.body("pot").pose[2, 3] == pytest.approx(data.qpos[where], abs=1e-12)
+def test_bodies_reach_as_far_as_their_geoms(seen):
+    """As points on the geoms show: boxes, cylinders, bars, balls and meshes, turned as they are."""
+    rng = np.random.default_rng(0)
+    for name in ("pot", "toy"):
+        body = seen.world.body(name)
+        for turn in [np.eye(3), *Rotation.random(20, random_state=1).as_matrix()]:
+            pose = matrix(rng.normal(size=3), turn)
+            points = np.concatenate([surface(part, seen.world.folder, rng) for part in body.parts])
+            assert (np.linalg.norm(points, axis=1) <= body.radius + 1e-9).all()
+            heights = points @ turn[2] + pose[2, 3]
+            assert body.at(pose).lowest == pytest.approx(heights.min(), abs=1e-3)
+            assert body.at(pose).lowest <= heights.min() + 1e-9
+
+
+def surface(part, folder, rng):
+    """Points on a part, in its body's frame."""
+    along = rng.normal(size=(20_000, 3))
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    match part["shape"]:
+        case "box":
+            points = 0.5 * np.array(part["size"]) * np.sign(along)
+        case "cylinder":
+            circle = along[:, :2] / np.linalg.norm(along[:, :2], axis=1)[:, None]
+            points = np.column_stack([part["radius"] * circle, 0.5 * part["height"] * np.sign(along[:, 2])])
+        case "bar":
+            points = part["radius"] * along
+            points[:, 0] += 0.5 * part["length"] * np.sign(along[:, 0])
+        case "mesh":
+            points = part["scale"] * triangles_of((folder / part["file"]).read_bytes(), ".stl")[0]
+    pose = placed(part)
+    return points @ pose[:3, :3].T + pose[:3, 3]
 
 
 def test_a_scene_takes_what_a_world_holds(seen):

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from comove.arrays import Array, first_least
+from comove.dmp.arguments import numbers
 from comove.errors import TaskError
 from comove.geometry.rotations import matrices
-from comove.tasks.world import Body
+from comove.tasks.world import Body, pose_of
 
 MOST_WAYS = 64  # in which a scene's payload may be held by all arms together
 
@@ -51,6 +52,17 @@ class Grasp:
     def __post_init__(self) -> None:
         if self.site is not None:
             self.body.site(self.site)
+        if not (self.place.shape == (3,) and np.isfinite(self.place).all()):
+            raise TaskError(
+                f"the position is {self.position}", key="position", way_out="give three numbers [m]"
+            )
+        tilt = numbers(self.tilt_deg)
+        if tilt.shape != (2,) or not -180.0 <= tilt[0] <= tilt[1] <= 180.0:
+            raise TaskError(
+                f"the tilt is {self.tilt_deg}",
+                key="tilt_deg",
+                way_out="give least and largest [deg], -180 to 180",
+            )
         self._directions()
 
     @property
@@ -58,7 +70,7 @@ class Grasp:
         """Return the place in the body's frame; array, shape (3,) [m]."""
         if self.site is not None:
             return self.body.site(self.site)[:3, 3]
-        return np.zeros(3) if self.position is None else np.array(self.position, dtype=float)
+        return np.zeros(3) if self.position is None else numbers(self.position)
 
     def ways(self, n_most: int) -> list[dict[str, Any]]:
         """Return at most so many grasps of a scene, least tilted first."""
@@ -103,31 +115,30 @@ class Grasp:
         part = parts[first_least(np.array(off))]
         edges = _edges(part)
         assert edges is not None, "others are left out"
-        return _turn(part)[:, int(np.argmax(edges))]
+        return pose_of(part)[:3, int(np.argmax(edges))]
 
 
 def _edges(part: Mapping[str, Any]) -> Array | None:
-    """Return a part's extent along its axes [m], (3,); None for shapes without."""
+    """Return the edges of a box around a part [m], (3,).
+
+    It is None for hulls and meshes.
+    """
     match part["shape"]:
         case "box":
             return np.array(part["size"], dtype=float)
         case "cylinder":
             return np.array([2 * part["radius"], 2 * part["radius"], part["height"]])
         case "bar":
-            return np.array([part["length"], 2 * part["radius"], 2 * part["radius"]])
+            return np.array([part["length"], 0.0, 0.0]) + 2 * part["radius"]
     return None
-
-
-def _turn(part: Mapping[str, Any]) -> Array:
-    return matrices(np.array(part.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float))
 
 
 def _beyond(part: Mapping[str, Any], point: Array) -> Array:
     """Return how far a point is outside a part; array, shape (3,) [m]."""
     edges = _edges(part)
     assert edges is not None, "others are left out"
-    inside = _turn(part).T @ (point - np.array(part.get("position", np.zeros(3)), dtype=float))
-    return np.maximum(np.abs(inside) - 0.5 * edges, 0.0)
+    pose = pose_of(part)
+    return np.maximum(np.abs(pose[:3, :3].T @ (point - pose[:3, 3])) - 0.5 * edges, 0.0)
 
 
 def _spread(least: float, most: float, n_most: int) -> list[float]:
@@ -146,10 +157,8 @@ def _about(axis: Array, angle: float) -> Array:
 
 
 def _unit(vector: Sequence[float] | Array) -> Array:
-    found = np.array(vector, dtype=float)
+    found = numbers(vector)
     length = float(np.linalg.norm(found))
     if found.shape != (3,) or not np.isfinite(length) or length < 1e-12:
-        raise TaskError(
-            f"{list(np.asarray(vector))} is no direction", way_out="give three numbers, not all 0"
-        )
+        raise TaskError(f"{vector} is no direction", way_out="give three numbers, not all 0")
     return found / length

@@ -14,6 +14,7 @@ import copy
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -111,13 +112,9 @@ class MujocoWorld(World):
         }
         rates = rates or Rates()
         robot = robot_now(name, converted, tree, chains, grippers, now, rates, folder)
-        rests = _resting(mj, model, state, set(standing), roles)
-        for geom in {geom for geom, _ in rests}:
+        for geom in _supports(mj, model, state, set(standing), roles):
             standing[geom]["support"] = True
-        sunk = dict.fromkeys(roles.loose, 0.0)
-        for (_, root), depth in rests.items():
-            sunk[root] = max(sunk[root], depth)
-        bodies = [_body(model, state, root, parts[root], sunk[root]) for root in sorted(roles.loose)]
+        bodies = [_body(model, state, root, parts[root], folder) for root in sorted(roles.loose)]
         return cls(
             robot,
             tuple(map(MappingProxyType, standing.values())),
@@ -239,8 +236,8 @@ def _pose(position: Array, rotation: Array) -> Array:
     return pose
 
 
-def _body(model: Any, state: Any, root: int, parts: list[dict[str, Any]], sunk: float) -> Body:
-    """Return a free body in a state; it stands on what it has sunk into [m]."""
+def _body(model: Any, state: Any, root: int, parts: list[dict[str, Any]], folder: Path) -> Body:
+    """Return a free body in a state."""
     pose = _pose(state.xpos[root], state.xmat[root])
     sites = {
         str(model.site(site).name or f"site{site}"): np.linalg.inv(pose)
@@ -252,29 +249,28 @@ def _body(model: Any, state: Any, root: int, parts: list[dict[str, Any]], sunk: 
         _name(model, "body", root),
         tuple(map(MappingProxyType, parts)),
         float(model.body_subtreemass[root]),
-        _pose(pose[:3, 3] + [0.0, 0.0, sunk], pose[:3, :3]),
+        pose,
         MappingProxyType(sites),
+        folder,
     )
 
 
-def _resting(
-    mj: Any, model: Any, state: Any, standing: set[int], roles: Roles
-) -> dict[tuple[int, int], float]:
-    """Return standing geoms with free bodies on them, and depths [m]."""
+def _supports(mj: Any, model: Any, state: Any, standing: set[int], roles: Roles) -> set[int]:
+    """Return the standing geoms on which a free body rests."""
     wide, data = copy.copy(model), mj.MjData(model)
     for margin in (wide.geom_margin, wide.body_margin):  # the second sorts out bodies that are far apart
         margin[:] = np.maximum(margin, RESTS)
     data.qpos[:] = state.qpos
     with without_log():
         mj.mj_forward(wide, data)
-    found = dict[tuple[int, int], float]()
+    found = set[int]()
     for contact in data.contact[: data.ncon]:
         first, second = int(contact.geom1), int(contact.geom2)
         for geom, other, up in (
             (first, second, contact.frame[2]),
             (second, first, -contact.frame[2]),
         ):
-            root = int(model.body_rootid[model.geom_bodyid[other]])
-            if geom in standing and root in roles.loose and up > UPWARDS and abs(contact.dist) < RESTS:
-                found[geom, root] = max(found.get((geom, root), 0.0), -float(contact.dist) / up)
+            rests = int(model.body_rootid[model.geom_bodyid[other]]) in roles.loose
+            if geom in standing and rests and up > UPWARDS and contact.dist < RESTS:
+                found.add(geom)
     return found

@@ -14,7 +14,7 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.errors import ComoveError, RobotError, TaskError
-from comove.geometry.rotations import matrices, quaternion_of_rotation
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.planning.solution import Solution
 from comove.robots.model import Arm
@@ -25,7 +25,7 @@ from comove.solving import solve
 from comove.tasks.grasps import MOST_WAYS
 from comove.tasks.plan import TaskPart, TaskPlan
 from comove.tasks.stages import Leg, Stage
-from comove.tasks.world import Body, World
+from comove.tasks.world import Body, World, pose_of
 
 SUNK = 2e-3  # m, of a body in what it rests on, that is lifted out
 AROUND = 1.0  # m, of the workspace around everything that is carried
@@ -79,6 +79,12 @@ class _Planner:
         others = (body.at(poses[name]) for name, body in world.bodies.items() if name != stage.body.name)
         self.obstacles = [dict(obstacle) for obstacle in world.obstacles]
         self.obstacles += [obstacle for body in others for obstacle in _as_obstacles(body)]
+        if giving is not None:
+            self.supports: list[str | None] = []
+        elif stage.stands_on is not None:
+            self.supports = [stage.stands_on]
+        else:
+            self.supports = [one["name"] for one in world.obstacles if one.get("support")]
 
     def parts(self, budget: float) -> tuple[list[TaskPart], _Solved, float]:
         """Return the stage's parts, last transfer, and processor time [s]."""
@@ -94,11 +100,8 @@ class _Planner:
                 error = error or why
                 if not legs or spent >= budget or (len(legs) == len(self.stage.legs) and self.giving is None):
                     break
-                ways = [
-                    way
-                    for way in ways
-                    if not _is_way(way, self._held(legs[0].solution, self.stage.body.pose))
-                ]
+                chosen = self._held(legs[0].solution, self._start(legs[0].scene))
+                ways = [way for way in ways if not _is_way(way, chosen)]
         assert error is not None, "there was a way to try"
         raise error
 
@@ -112,25 +115,33 @@ class _Planner:
     def _legs(self, ways: Ways, budget: float) -> Iterator[_Solved]:
         """Yield the legs' solutions, the first by any of some ways."""
         stage, start, begin, left = self.stage, self.stage.body.pose, None, budget
+        supports = self.supports
         for number, leg in enumerate(stage.legs):
             is_last = number + 1 == len(stage.legs)
             wanted: dict[str, Any] = {"begin": begin} if number else {"approach": self.giving is None}
             if is_last and stage.retreats:
                 wanted["release"] = True
             scene, solution = self._solved(
-                f"carry {number + 1} of '{stage.body.name}'", leg, start, ways, left, wanted
+                f"carry {number + 1} of '{stage.body.name}'", leg, start, supports, ways, left, wanted
             )
             left = max(left - solution.effort.seconds, 0.1 * budget)
             yield _Solved(scene, solution)
-            ways, start = [self._held(solution, start)], leg.goal
+            ways, start, supports = [self._held(solution, self._start(scene))], leg.goal, [leg.rests_on]
             begin = solution.joints.motion.joints.position[-1]
 
     def _solved(
-        self, name: str, leg: Leg, start: Array, ways: Ways, budget: float, wanted: Mapping[str, Any]
+        self,
+        name: str,
+        leg: Leg,
+        start: Array,
+        supports: Sequence[str | None],
+        ways: Ways,
+        budget: float,
+        wanted: Mapping[str, Any],
     ) -> _Solved:
         """Solve a leg; `wanted` are further arguments of `comove.solve`."""
         try:
-            scene = self._scene(leg, start, ways)
+            scene = self._scene(leg, start, supports, ways)
             found = solve(scene, robot=self.world.robot, budget=budget, seed=self.seed, **wanted)
         except ComoveError as error:
             raise TaskError(
@@ -152,20 +163,16 @@ class _Planner:
             )
         return _Solved(scene, found)
 
-    def _supported(self, leg: Leg, start: Array) -> list[dict[str, Any]]:
-        """Return the obstacles; the body rests on some at the start, or at the goal of a leg."""
-        stage, found = self.stage, [dict(obstacle) for obstacle in self.obstacles]
-        begins, ends = start is stage.body.pose and self.giving is None, leg is stage.legs[-1]
-        for obstacle in found:
-            rests = begins and obstacle.pop("support", False)
-            if rests or (ends and obstacle["name"] == stage.rests_on):
-                obstacle["support"] = True
-            else:
-                obstacle.pop("support", None)
-        return found
+    def _around(self, *supports: str | None) -> list[dict[str, Any]]:
+        """Return the obstacles; the body rests on some at an end."""
+        return [
+            {key: value for key, value in one.items() if key != "support"}
+            | ({"support": True} if one["name"] in supports else {})
+            for one in self.obstacles
+        ]
 
-    def _scene(self, leg: Leg, start: Array, ways: Ways) -> Scene:
-        """Return the scene of a leg."""
+    def _scene(self, leg: Leg, start: Array, supports: Sequence[str | None], ways: Ways) -> Scene:
+        """Return the scene of a leg, which begins on supports."""
         body = self.stage.body
         around = np.stack([start[:3, 3], leg.goal[:3, 3]])
         reach = AROUND + body.radius
@@ -176,7 +183,7 @@ class _Planner:
                 "lower": (around.min(axis=0) - reach).tolist(),
                 "upper": (around.max(axis=0) + reach).tolist(),
             },
-            "obstacles": self._supported(leg, start),
+            "obstacles": self._around(*supports, leg.rests_on),
             "payload": {
                 "parts": [dict(part) for part in body.parts],
                 "mass": body.mass,
@@ -190,22 +197,29 @@ class _Planner:
             data["duration"] = leg.time
         if leg.upright_deg is not None:
             data["constraints"] = [{"type": "upright", "tolerance_deg": leg.upright_deg}]
-        if (sunk := self._sunk(data)) > 0.0:
-            data["payload"]["start"]["position"][2] += sunk
+        for end, under in (("start", supports), ("goal", [leg.rests_on])):
+            data["payload"][end]["position"][2] += self._sunk(data, end, under)
         return Scene.from_dict(data, folder=self.world.folder)
 
-    def _sunk(self, data: dict[str, Any]) -> float:
-        """Return how deep the body is in its supports at first [m].
+    @staticmethod
+    def _start(scene: Scene) -> Array:
+        """Return the body's pose at the start of a scene; array, shape (4, 4) [m]."""
+        load = scene.file.load
+        assert load is not None and load.start is not None, "it has a payload with poses"
+        return pose_of(load.start.model_dump())
+
+    def _sunk(self, data: dict[str, Any], end: str, supports: Sequence[str | None]) -> float:
+        """Return how deep the body is in supports at an end [m].
 
         It is 0 beyond a tolerance. Prisms that hold its cylinders are larger than these.
         """
-        supports = [k for k, obstacle in enumerate(data["obstacles"]) if obstacle.get("support")]
-        if not supports:
+        under = [k for k, one in enumerate(self.obstacles) if one["name"] in supports]
+        if not under:
             return 0.0
-        bodies = [{k: v for k, v in one.items() if k != "support"} for one in data["obstacles"]]
-        scene = Scene.from_dict({**data, "obstacles": bodies}, folder=self.world.folder, check_ends=False)
-        depth = -scene.nearest_at(scene.nodes_at("start"), 0.0, supports)[0]
-        return depth if depth < SUNK else 0.0
+        data = {**data, "obstacles": self._around()}
+        scene = Scene.from_dict(data, folder=self.world.folder, check_ends=False)
+        depth = -scene.nearest_at(scene.nodes_at(end), 0.0, under)[0]
+        return depth if 0.0 < depth < SUNK else 0.0
 
     def _held(self, solution: Solution, start: Array) -> dict[str, dict[str, Any]]:
         """Return the grasps of a solution whose body starts at a pose."""
@@ -324,9 +338,7 @@ def _as_obstacles(body: Body) -> Iterator[dict[str, Any]]:
         If a part has a shape that no obstacle has.
     """
     for number, part in enumerate(body.parts):
-        inside = np.eye(4)
-        inside[:3, :3] = matrices(np.array(part.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float))
-        inside[:3, 3] = part.get("position", (0.0, 0.0, 0.0))
+        inside = pose_of(part)
         shape = {key: value for key, value in part.items() if key not in ("position", "quaternion_wxyz")}
         if shape["shape"] == "bar":  # along x; a capsule is along z
             shape["shape"] = "capsule"

@@ -12,11 +12,20 @@ from comove.tasks.world import Body
 
 
 class Leg(NamedTuple):
-    """A transfer of a body: goal (4, 4) [m], tolerance of `upright` [deg] or None, duration [s] or None."""
+    """A transfer of a body.
+
+    Attributes
+    ----------
+    goal : array, shape (4, 4) [m]
+    upright_deg : tolerance of `upright` [deg]; None where it may lean
+    time : duration [s]; None for the least
+    rests_on : name of the obstacle on which it then rests; None for none
+    """
 
     goal: Array
     upright_deg: float | None
     time: float | None
+    rests_on: str | None = None
 
 
 @dataclass(eq=False)
@@ -30,7 +39,7 @@ class Stage:
     close_time, open_time : time in which grippers close, open [s]; None where they do not
     legs : its transfers
     takes_over : whether the arms take the body from those of the stage before
-    rests_on : name of the obstacle on which it is set down; None for none
+    stands_on : name of the obstacle on which it was set down before; None where it was not
     retreats : whether the arms draw back in the end
     """
 
@@ -40,5 +49,5 @@ class Stage:
     legs: list[Leg] = field(default_factory=list)
     open_time: float | None = None
     takes_over: bool = False
-    rests_on: str | None = None
+    stands_on: str | None = None
     retreats: bool = False

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from comove.arrays import Array
+from comove.dmp.arguments import is_number, numbers
 from comove.errors import TaskError, near_name
 from comove.tasks.grasps import Grasp
 from comove.tasks.plan import TaskPlan
@@ -74,7 +75,15 @@ class Task:
             "let the arms carry one after the other",
         )
         body = next(iter(grasps.values())).body
-        self.stages.append(Stage(body.at(self.pose_of(body)), self._now(grasps)))
+        self._require(
+            body.name in self.world.bodies,
+            "approach",
+            f"the world has no body '{body.name}'",
+            "give a Grasp of one of its bodies: world.body(NAME)",
+        )
+        legs = [leg for stage in self.stages if stage.body.name == body.name for leg in stage.legs]
+        stands_on = legs[-1].rests_on if legs else None
+        self.stages.append(Stage(body.at(self.pose_of(body)), self._now(grasps), stands_on=stands_on))
 
     def close(self, time: float = 1.0) -> None:
         """Close the grippers of the approach, in a time [s].
@@ -116,17 +125,30 @@ class Task:
         TaskError
             If it is not held, or there is not one goal.
         """
-        stage = self._held("carry", body)
+        self._carry("carry", body, to, shift, upright, time)
+
+    def _carry(
+        self,
+        phase: str,
+        body: Body,
+        to: Sequence[Sequence[float]] | Array | None,
+        shift: Sequence[float] | None,
+        upright: bool | float,
+        time: float | None,
+        on: str | None = None,
+    ) -> None:
+        """Add a transfer; see `carry`. `on` names the obstacle on which the body then rests."""
+        stage = self._held(phase, body)
         self._require(
             (to is None) != (shift is None), "carry", "it has not one goal", "give either `to` or `shift`"
         )
         if to is not None:
-            goal = np.array(to, dtype=float)
+            goal = numbers(to)
             self._require(
                 goal.shape == (4, 4) and _is_pose(goal), "carry", "`to` is no pose", "give a 4 x 4 pose"
             )
         else:
-            step = np.array(shift, dtype=float)
+            step = numbers(shift)
             self._require(
                 step.shape == (3,) and bool(np.isfinite(step).all()),
                 "carry",
@@ -135,8 +157,14 @@ class Task:
             )
             goal = self.pose_of(body).copy()
             goal[:3, 3] += step
-        tolerance = 5.0 if upright is True else None if upright is False else float(upright)
-        stage.legs.append(Leg(goal, tolerance, None if time is None else _positive("carry", time)))
+        tolerance = {True: 5.0, False: None}[upright] if isinstance(upright, bool) else upright
+        self._require(
+            tolerance is None or (is_number(tolerance) and 0.0 < tolerance < 180.0),
+            phase,
+            f"`upright` is {upright!r}",
+            "give True, False, or a tolerance below 180 [deg]",
+        )
+        stage.legs.append(Leg(goal, tolerance, None if time is None else _positive(phase, time), on))
         self._poses[body.name] = goal
 
     def set_down(
@@ -164,10 +192,12 @@ class Task:
         """
         self._held("set_down", body)
         goal = self.pose_of(body).copy()
-        goal[:2, 3] = np.array(at, dtype=float)
-        goal[2, 3] = self.world.top_of(on) - body.at(goal).lowest + goal[2, 3]
-        self.carry(body, to=goal, upright=upright, time=time)
-        self.stages[-1].rests_on = on
+        place = numbers(at)
+        told = place.shape == (2,) and bool(np.isfinite(place).all())
+        self._require(told, "set_down", f"`at` is {at}", "give x and y in the world [m]")
+        goal[:2, 3] = place
+        goal[2, 3] += self.world.top_of(on) - body.at(goal).lowest
+        self._carry("set_down", body, goal, None, upright, time, on)
 
     def hand_over(self, body: Body, time: float = 1.0, **grasps: Grasp) -> None:
         """Hand the held body over to other arms.
@@ -291,7 +321,7 @@ class Task:
 
 
 def _positive(phase: str, time: float) -> float:
-    if not 0.0 < float(time) < np.inf:
+    if not is_number(time) or time <= 0.0:
         raise TaskError(f"a time of {time!r} s", key=phase, way_out="give a positive number")
     return float(time)
 

@@ -13,6 +13,7 @@ import numpy as np
 from comove.arrays import Array
 from comove.errors import TaskError, near_name
 from comove.geometry.rotations import matrices
+from comove.geometry.triangles import read_bytes, triangles_of
 from comove.robots.model import Robot
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Body:
     mass : its mass [kg]
     pose : where it is, array, shape (4, 4) [m]
     sites : poses of named places in its frame, arrays, shape (4, 4) [m]
+    folder : folder of the mesh files that parts name
     """
 
     name: str
@@ -37,6 +39,7 @@ class Body:
     mass: float
     pose: Array
     sites: Mapping[str, Array] = field(default_factory=dict)
+    folder: Path = Path()
 
     def at(self, pose: Array) -> Body:
         """Return the body at another pose, array, shape (4, 4) [m]."""
@@ -55,20 +58,24 @@ class Body:
         way_out = near_name(name, self.sites) if self.sites else "give a position in the body's frame"
         raise TaskError(f"the body '{self.name}' has no site '{name}'", key="site", way_out=way_out)
 
-    @cached_property
-    def corners(self) -> Array:
-        """Return corners of boxes around its parts, in its frame; array, shape (n, 3) [m]."""
-        return np.concatenate([_corners(part) for part in self.parts])
-
     @property
     def lowest(self) -> float:
-        """Return the height of its lowest corner in the world [m]."""
-        return float((self.corners @ self.pose[2, :3]).min() + self.pose[2, 3])
+        """Return the height of its lowest point in the world [m]."""
+        poses = [self.pose @ pose_of(part) for part in self.parts]
+        return min(
+            float(pose[2, 3] - _extent(part, -pose[2, :3], self.folder))
+            for part, pose in zip(self.parts, poses, strict=True)
+        )
 
-    @property
+    @cached_property
     def radius(self) -> float:
-        """Return the largest distance of a corner from its origin [m]."""
-        return float(np.linalg.norm(self.corners, axis=1).max())
+        """Bound the distance of its points from its origin from above [m]."""
+        ends = np.vstack([np.eye(3), -np.eye(3)])
+        return max(
+            float(np.linalg.norm(pose_of(part)[:3, 3]))
+            + float(np.sqrt(3.0) * max(_extent(part, axis, self.folder) for axis in ends))
+            for part in self.parts
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,36 +134,40 @@ class World:
                 f"there is no obstacle '{obstacle}'", key="set_down", way_out=near_name(obstacle, by_name)
             )
         found = by_name[obstacle]
-        turn = matrices(np.array(found.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float))
-        upright = np.abs(turn[2]).max() > 1.0 - 1e-9
-        if found["shape"] != "box" or not upright:
+        pose = pose_of(found)
+        if found["shape"] != "box" or np.abs(pose[2, :3]).max() <= 1.0 - 1e-9:
             raise TaskError(
                 f"'{obstacle}' is no level box",
                 key="set_down",
                 way_out="carry the body to a pose on it instead",
             )
-        return float(found["center"][2] + 0.5 * (np.abs(turn[2]) @ np.array(found["size"], dtype=float)))
+        return float(pose[2, 3] + 0.5 * (np.abs(pose[2, :3]) @ np.array(found["size"], dtype=float)))
 
 
-def _corners(part: Mapping[str, Any]) -> Array:
-    """Return the corners of a part, or of a box around it.
+def pose_of(part: Mapping[str, Any]) -> Array:
+    """Return the pose of a part or an obstacle; array, shape (4, 4) [m]."""
+    pose = np.eye(4)
+    pose[:3, :3] = matrices(np.array(part.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float))
+    pose[:3, 3] = part.get("position", part.get("center", (0.0, 0.0, 0.0)))
+    return pose
 
-    Array, shape (n, 3), in the body's frame [m].
+
+def _extent(part: Mapping[str, Any], direction: Array, folder: Path) -> float:
+    """Return how far a part reaches from its origin [m].
+
+    The direction is a unit vector, (3,), in the part's frame.
     """
     match part["shape"]:
         case "box":
-            half = 0.5 * np.array(part["size"], dtype=float)
+            return float(0.5 * np.array(part["size"]) @ np.abs(direction))
         case "cylinder":
-            half = np.array([part["radius"], part["radius"], 0.5 * part["height"]])
+            side = float(np.hypot(direction[0], direction[1]))
+            return float(part["radius"] * side + 0.5 * part["height"] * abs(direction[2]))
         case "bar":
-            half = np.array([0.5 * part["length"] + part["radius"], part["radius"], part["radius"]])
+            return float(part["radius"] + 0.5 * part["length"] * abs(direction[0]))
+        case "mesh":
+            file = folder / part["file"]
+            vertices = part.get("scale", 1.0) * triangles_of(read_bytes(file), file.suffix)[0]
         case _:
-            points = np.array(part["vertices"], dtype=float)
-            return _placed(part, points)
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    return _placed(part, signs * half)
-
-
-def _placed(part: Mapping[str, Any], points: Array) -> Array:
-    turn = matrices(np.array(part.get("quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float))
-    return points @ turn.T + np.array(part.get("position", (0.0, 0.0, 0.0)), dtype=float)
+            vertices = np.array(part["vertices"], dtype=float)
+    return float((vertices @ direction).max())
